@@ -1,0 +1,411 @@
+"""Kurt et al.'s glossy lobes: evaluation, sampling, density, albedo.
+
+::
+
+    f   = kd/pi + sum ks F(wo.h) D(h) / (4 (wo.h) ((wi.n)(wo.n))^alpha)      (1)
+    F   = r0 + (1 - r0) (1 - wo.h)^5                                         (2)
+    D   = exp(q) / (pi mx my cos^4 theta_h),  q = -((hx/hz/mx)^2 + (hy/hz/my)^2)   (3)
+    pdf = exp(q) / (4 pi mx my cos^3 theta_h (wo.h))                         (4)
+
+In slope space (hx/hz, hy/hz) the lobe is a Gaussian, so slopes are taken straight from H = wi + wo
+without trigonometry: hx/hz = Hx/Hz, wo.h = |H|/2, cos theta_h = Hz/|H|. For the Fresnel term,
+1 - wo.h = |wi - wo|^2 / (4 (1 + wo.h)) keeps its digits near the mirror direction.
+
+Thin transmission (a lobe without refraction or thickness) evaluates (1) at wi mirrored in the
+surface plane, with 1 - F for F. Surfaces are one-sided: wo below the horizon gives zero. kd and the
+reflection lobes act above the horizon, the transmission lobes below it.
+
+Source: Kurt, Szirmay-Kalos, Krivanek 2010, as in the regular sampling paper, eqs. 1-7, 10, with the
+quadrant-correct azimuth. Sampling in slopes is its eqs. 6-7 without the detour over angles::
+
+    (hx, hy)/hz = sqrt(-ln xi1) (mx cos 2 pi xi2, my sin 2 pi xi2)           (5)
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from . import _check
+from ._jit import kernel, parallel_kernel
+
+FloatArray = npt.NDArray[np.floating]
+Float64Array = npt.NDArray[np.float64]
+
+M_MIN, M_MAX = 1e-5, 10.0
+
+# float32 constants are exact in both precisions and do not promote float32 arithmetic
+ZERO, HALF, ONE, TWO, FOUR = (np.float32(v) for v in (0.0, 0.5, 1.0, 2.0, 4.0))
+Q_MIN = np.float32(-87.0)  # exp(q) below this is subnormal in float32: the lobe is over
+
+
+@kernel
+def k_schlick(wix: float, wiy: float, wiz: float, wox: float, woy: float, woz: float,
+              u: float) -> float:
+    """(1 - u)^5 with u = wo.h, from the difference of the directions."""
+    dx, dy, dz = wix - wox, wiy - woy, wiz - woz
+    x = (dx * dx + dy * dy + dz * dz) / (FOUR * (ONE + u))
+    x2 = x * x
+    return x2 * x2 * x
+
+
+@kernel
+def k_lobe(wix: float, wiy: float, wiz: float, wox: float, woy: float, woz: float,
+           lobe: FloatArray) -> tuple[float, float]:
+    """Eq. (1) without ks and F, and the Schlick weight; both directions above the surface.
+
+    ``lobe``: 1/mx, 1/my, 1/(pi mx my), alpha, side.
+    """
+    hx, hy, hz = wix + wox, wiy + woy, wiz + woz
+    sx, sy = hx / hz * lobe[0], hy / hz * lobe[1]
+    q = -(sx * sx + sy * sy)
+    if not q > Q_MIN:
+        return ZERO * hz, ZERO * hz
+    length2 = hx * hx + hy * hy + hz * hz
+    length = math.sqrt(length2)
+    u = HALF * length
+    tilt = length2 / (hz * hz)  # 1 / cos^2 theta_h
+    value = math.exp(q) * lobe[2] * tilt * tilt / (TWO * length)
+    if lobe[3] != ZERO:
+        value = value / (wiz * woz) ** lobe[3]
+    return value, k_schlick(wix, wiy, wiz, wox, woy, woz, u)
+
+
+@kernel
+def k_bsdf(wix: float, wiy: float, wiz: float, wox: float, woy: float, woz: float,
+           lobes: FloatArray, ks: FloatArray, r0: FloatArray, kd: FloatArray,
+           ) -> tuple[float, float, float]:
+    """The whole BSDF, RGB. Arrays as in ``PackedMaterial``."""
+    f0 = f1 = f2 = ZERO * wix
+    if not woz > ZERO or wiz == ZERO:
+        return f0, f1, f2
+    if wiz > ZERO:
+        f0, f1, f2 = kd[0], kd[1], kd[2]
+    for j in range(lobes.shape[0]):
+        z = wiz * lobes[j, 4]
+        if z > ZERO:
+            value, w = k_lobe(wix, wiy, z, wox, woy, woz, lobes[j])
+            if value > ZERO:
+                e0 = r0[j, 0] + (ONE - r0[j, 0]) * w
+                e1 = r0[j, 1] + (ONE - r0[j, 1]) * w
+                e2 = r0[j, 2] + (ONE - r0[j, 2]) * w
+                if lobes[j, 4] < ZERO:
+                    e0, e1, e2 = ONE - e0, ONE - e1, ONE - e2
+                f0 += value * ks[j, 0] * e0
+                f1 += value * ks[j, 1] * e1
+                f2 += value * ks[j, 2] * e2
+    return f0, f1, f2
+
+
+@kernel
+def k_pdf(wix: float, wiy: float, wiz: float, wox: float, woy: float, woz: float,
+          lobe: FloatArray) -> float:
+    """Eq. (4), the density of wi per solid angle; it integrates to 1 over the whole sphere."""
+    z = wiz * lobe[4]
+    hx, hy, hz = wix + wox, wiy + woy, z + woz
+    length2 = hx * hx + hy * hy + hz * hz
+    if hz == ZERO or length2 == ZERO:
+        return ZERO * hz
+    sx, sy = hx / hz * lobe[0], hy / hz * lobe[1]
+    q = -(sx * sx + sy * sy)
+    if not q > Q_MIN:
+        return ZERO * hz
+    tilt = length2 / (hz * hz)
+    return math.exp(q) * lobe[2] * tilt * math.sqrt(tilt) / (TWO * math.sqrt(length2))
+
+
+@parallel_kernel
+def _eval(wi: FloatArray, wo: FloatArray, lobes: FloatArray, ks: FloatArray, r0: FloatArray,
+          kd: FloatArray, out: FloatArray) -> None:
+    for k in numba.prange(wi.shape[0]):
+        i, o = wi[k], wo[k]
+        out[k, 0], out[k, 1], out[k, 2] = k_bsdf(i[0], i[1], i[2], o[0], o[1], o[2], lobes, ks, r0, kd)
+
+
+@parallel_kernel
+def _pdf(wi: Float64Array, wo: Float64Array, lobe: Float64Array, out: Float64Array) -> None:
+    for k in numba.prange(wi.shape[0]):
+        i, o = wi[k], wo[k]
+        out[k] = k_pdf(i[0], i[1], i[2], o[0], o[1], o[2], lobe)
+
+
+@parallel_kernel
+def _sample(xi: Float64Array, wo: Float64Array, mx: float, my: float, out: Float64Array) -> None:
+    for k in numba.prange(xi.shape[0]):
+        radius = math.sqrt(-math.log(xi[k, 0]))
+        sx = mx * radius * math.cos(TWO * math.pi * xi[k, 1])
+        sy = my * radius * math.sin(TWO * math.pi * xi[k, 1])
+        scale = ONE / (ONE + sx * sx + sy * sy)  # 1 / |h|^2 with h = (sx, sy, 1)
+        d = TWO * (wo[k, 0] * sx + wo[k, 1] * sy + wo[k, 2]) * scale
+        out[k, 0] = d * sx - wo[k, 0]
+        out[k, 1] = d * sy - wo[k, 1]
+        out[k, 2] = d - wo[k, 2]
+
+
+def _pair(wi: npt.ArrayLike, wo: npt.ArrayLike, dtype: type = np.float64) -> tuple[FloatArray, FloatArray]:
+    """Unit directions (..., 3) broadcast against each other, C order."""
+    a, b = np.broadcast_arrays(_check.unit_vectors("wi", wi), _check.unit_vectors("wo", wo))
+    a, b = (np.ascontiguousarray(v, dtype=dtype) for v in (a, b))
+    return _check.frozen(a), _check.frozen(b)
+
+
+@dataclasses.dataclass(frozen=True)
+class Lobe:
+    """One glossy lobe, eqs. (1)-(5).
+
+    Parameters
+    ----------
+    mx, my : float
+        Roughness (Beckmann slope width) along tangent and bitangent, 1e-5 to 10; ``my=None``
+        is an isotropic lobe.
+    ks : float or RGB, >= 0
+        Weight of the lobe.
+    r0 : float or RGB in [0, 1]
+        Reflectance at normal incidence, eq. (2).
+    alpha : float in [0, 1]
+        Exponent of (wi.n)(wo.n); 0 conserves energy, larger values need not.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is out of range.
+    """
+
+    mx: float
+    my: float | None = None
+    ks: float | Sequence[float] = 1.0
+    r0: float | Sequence[float] = 1.0
+    alpha: float = 0.0
+
+    def __post_init__(self) -> None:
+        mx = _check.in_range("mx", self.mx, M_MIN, M_MAX)
+        my = mx if self.my is None else _check.in_range("my", self.my, M_MIN, M_MAX)
+        values = {"mx": mx, "my": my, "alpha": _check.in_range("alpha", self.alpha, 0.0, 1.0)}
+        for name, high in (("ks", math.inf), ("r0", 1.0)):
+            value = getattr(self, name)
+            channels = _check.rgb(name, value, 0.0, high)
+            flat = np.ndim(value) == 0
+            values[name] = float(channels[0]) if flat else tuple(channels.tolist())
+        for name, item in values.items():
+            object.__setattr__(self, name, item)
+
+    @property
+    def widths(self) -> tuple[float, float]:
+        """(mx, my)."""
+        assert self.my is not None
+        return self.mx, self.my
+
+    def pack(self, side: float = 1.0) -> Float64Array:
+        """1/mx, 1/my, 1/(pi mx my), alpha, side: what the kernels take."""
+        mx, my = self.widths
+        row = np.array([1.0 / mx, 1.0 / my, 1.0 / (math.pi * mx * my), self.alpha, side])
+        return _check.frozen(row)
+
+    def sample(self, xi: npt.ArrayLike, wo: npt.ArrayLike) -> Float64Array:
+        """Directions wi (..., 3) of density ``pdf``, eq. (5).
+
+        Parameters
+        ----------
+        xi : (..., 2) array
+            Uniform numbers; the first in (0, 1], the second in [0, 1].
+        wo : (..., 3) array
+            Unit directions to the viewer in the frame (t, b, n).
+
+        Returns
+        -------
+        (..., 3) float64; directions below the horizon carry no radiance but count as samples.
+        """
+        x = np.asarray(_check.array("xi", xi), dtype=np.float64)
+        if x.ndim == 0 or x.shape[-1] != 2:
+            raise _check.fail("xi", "must have shape (..., 2)", x.shape)
+        if not (np.all(x[..., 0] > 0.0) and np.all(x >= 0.0) and np.all(x <= 1.0)):
+            raise _check.fail("xi", "must be in (0, 1] and [0, 1]", f"from {x.min():g} to {x.max():g}")
+        o = _check.unit_vectors("wo", wo)
+        shape = np.broadcast_shapes(x.shape[:-1], o.shape[:-1])
+        x = _check.frozen(np.broadcast_to(x, (*shape, 2)))
+        o = _check.frozen(np.broadcast_to(o, (*shape, 3)))
+        out = np.empty((*shape, 3))
+        mx, my = self.widths
+        _sample(x.reshape(-1, 2), o.reshape(-1, 3), mx, my, out.reshape(-1, 3))
+        return out
+
+    def pdf(self, wi: npt.ArrayLike, wo: npt.ArrayLike) -> Float64Array:
+        """Density [1/sr] of ``sample``, eq. (4); shape (...) of the directions (..., 3).
+
+        It integrates to 1 over the whole sphere: samples may fall below the horizon.
+        """
+        i, o = _pair(wi, wo)
+        out = np.empty(i.shape[:-1])
+        _pdf(i.reshape(-1, 3), o.reshape(-1, 3), self.pack(), out.reshape(-1))
+        return out
+
+    def eval(self, wi: npt.ArrayLike, wo: npt.ArrayLike) -> Float64Array:
+        """BRDF [1/sr] of this lobe alone, as ``Material.eval``."""
+        return Material(reflection=[self]).eval(wi, wo)
+
+
+@dataclasses.dataclass(frozen=True)
+class PackedMaterial:
+    """A material as the kernels take it; every array of one precision.
+
+    ``lobes`` (L, 5): 1/mx, 1/my, 1/(pi mx my), alpha, side (+1 reflection, -1 transmission);
+    ``ks``, ``r0`` (L, 3); ``kd`` (3,): kd / pi. Lobes with ks = 0 are left out.
+    """
+
+    lobes: FloatArray
+    ks: FloatArray
+    r0: FloatArray
+    kd: FloatArray
+
+
+@dataclasses.dataclass(frozen=True)
+class Material:
+    """Diffuse term plus any number of reflection and thin transmission lobes, eq. (1).
+
+    Parameters
+    ----------
+    kd : float or RGB, >= 0
+        Diffuse reflectivity.
+    reflection, transmission : sequence of Lobe
+    """
+
+    kd: float | Sequence[float] = 0.0
+    reflection: Sequence[Lobe] = ()
+    transmission: Sequence[Lobe] = ()
+
+    def __post_init__(self) -> None:
+        channels = _check.rgb("kd", self.kd)
+        kd = float(channels[0]) if np.ndim(self.kd) == 0 else tuple(channels.tolist())
+        object.__setattr__(self, "kd", kd)
+        for name in ("reflection", "transmission"):
+            lobes = getattr(self, name)
+            lobes = (lobes,) if isinstance(lobes, Lobe) else tuple(lobes)
+            for lobe in lobes:
+                if not isinstance(lobe, Lobe):
+                    raise _check.fail(name, "must be a sequence of Lobe", lobe)
+            object.__setattr__(self, name, lobes)
+
+    @property
+    def diffuse(self) -> Float64Array:
+        """Kd as RGB, (3,)."""
+        return _check.rgb("kd", self.kd)
+
+    @property
+    def is_scalar(self) -> bool:
+        """True when no parameter depends on the channel."""
+        colours = [self.kd, *(c for lobe in self.lobes for c in (lobe.ks, lobe.r0))]
+        return all(np.ndim(c) == 0 for c in colours)
+
+    @property
+    def lobes(self) -> tuple[Lobe, ...]:
+        """Reflection lobes, then transmission lobes."""
+        return (*self.reflection, *self.transmission)
+
+    def sided_lobes(self) -> list[tuple[Lobe, float]]:
+        """(lobe, side) of the lobes with ks > 0; side is +1 for reflection, -1 for transmission."""
+        sides = [1.0] * len(self.reflection) + [-1.0] * len(self.transmission)
+        pairs = zip(self.lobes, sides, strict=True)
+        return [(lobe, side) for lobe, side in pairs if _check.rgb("ks", lobe.ks).any()]
+
+    def pack(self, dtype: type = np.float64) -> PackedMaterial:
+        """The material as arrays of ``dtype``."""
+        pairs = self.sided_lobes()
+        lobes = np.array([lobe.pack(side) for lobe, side in pairs]).reshape(-1, 5)
+        ks = np.array([_check.rgb("ks", lobe.ks) for lobe, _ in pairs]).reshape(-1, 3)
+        r0 = np.array([_check.rgb("r0", lobe.r0) for lobe, _ in pairs]).reshape(-1, 3)
+        kd = self.diffuse / math.pi
+        return PackedMaterial(*(_check.frozen(a.astype(dtype)) for a in (lobes, ks, r0, kd)))
+
+    def eval(self, wi: npt.ArrayLike, wo: npt.ArrayLike, precision: str = "double") -> FloatArray:
+        """BSDF [1/sr] for unit directions (..., 3) in the frame (t, b, n), without the cosine.
+
+        Returns
+        -------
+        (...) when every parameter is a number, else (..., 3); float64, or float32 with
+        ``precision="single"`` (the GPU's arithmetic).
+
+        Raises
+        ------
+        ValueError
+            If a direction is not finite or not unit within 1e-3.
+        """
+        dtype = _check.dtype_of(precision)
+        i, o = _pair(wi, wo, dtype)
+        out = np.empty(i.shape, dtype=dtype)
+        p = self.pack(dtype)
+        _eval(i.reshape(-1, 3), o.reshape(-1, 3), p.lobes, p.ks, p.r0, p.kd, out.reshape(-1, 3))
+        return out[..., 0].copy() if self.is_scalar else out
+
+    def _mixture(self) -> list[tuple[float, Lobe | None, float]]:
+        """(share, lobe, side) of the sampled mixture; None is the diffuse part."""
+        parts: list[tuple[float, Lobe | None, float]]
+        parts = [(float(np.mean(lobe.ks)), lobe, side) for lobe, side in self.sided_lobes()]
+        if self.diffuse.any():
+            parts.append((float(self.diffuse.mean()), None, 1.0))
+        if not parts:
+            parts = [(1.0, None, 1.0)]
+        total = sum(p[0] for p in parts)
+        return [(share / total, lobe, side) for share, lobe, side in parts]
+
+    def sample(self, xi: npt.ArrayLike, wo: npt.ArrayLike) -> Float64Array:
+        """Directions wi (..., 3) of density ``pdf``: a mixture of the lobes and a cosine.
+
+        ``xi`` (..., 2) is uniform, the first number in (0, 1]; it also picks the part.
+        """
+        x = np.array(_check.array("xi", xi), dtype=np.float64)
+        o = _check.unit_vectors("wo", wo)
+        shape = np.broadcast_shapes(x.shape[:-1], o.shape[:-1])
+        x = np.broadcast_to(x, (*shape, 2)).copy()
+        o = np.broadcast_to(o, (*shape, 3))
+        out = np.empty((*shape, 3))
+        parts = self._mixture()
+        edges = np.concatenate([[0.0], np.cumsum([p[0] for p in parts])])
+        edges[-1] = 1.0
+        part = np.clip(np.searchsorted(edges, x[..., 0], side="left") - 1, 0, len(parts) - 1)
+        for k, (share, lobe, side) in enumerate(parts):
+            here = part == k
+            if not here.any():
+                continue
+            u = x[here]
+            u[:, 0] = np.clip((u[:, 0] - edges[k]) / share, np.finfo(float).tiny, 1.0)
+            if lobe is None:
+                r, phi = np.sqrt(1.0 - u[:, 0]), 2.0 * math.pi * u[:, 1]
+                out[here] = np.stack([r * np.cos(phi), r * np.sin(phi), np.sqrt(u[:, 0])], axis=-1)
+            else:
+                out[here] = lobe.sample(u, o[here]) * np.array([1.0, 1.0, side])
+        return out
+
+    def pdf(self, wi: npt.ArrayLike, wo: npt.ArrayLike) -> Float64Array:
+        """Density [1/sr] of ``sample``, shape (...)."""
+        i, o = _pair(wi, wo)
+        total = np.zeros(i.shape[:-1])
+        part = np.empty(i.shape[:-1])
+        for share, lobe, side in self._mixture():
+            if lobe is None:
+                total += share * np.maximum(i[..., 2], 0.0) / math.pi
+            else:
+                _pdf(i.reshape(-1, 3), o.reshape(-1, 3), lobe.pack(side), part.reshape(-1))
+                total += share * part
+        return total
+
+    def albedo(self, wo: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Reflectivity and transmissivity: the integral of f |cos| over either hemisphere.
+
+        Shapes as for ``eval``. See ``albedo.lobe_albedo`` for the quadrature and its accuracy.
+        """
+        from .albedo import lobe_albedo
+
+        o = _check.unit_vectors("wo", wo)
+        sides = []
+        for lobes, kd, transmitted in (
+            (self.reflection, self.diffuse, False),
+            (self.transmission, np.zeros(3), True),
+        ):
+            total = np.where(o[..., 2:] > 0.0, kd, 0.0)
+            for lobe in lobes:
+                total = total + lobe_albedo(lobe, o, transmitted)
+            sides.append(total[..., 0] if self.is_scalar else total)
+        return sides[0], sides[1]

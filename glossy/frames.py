@@ -1,0 +1,162 @@
+"""Shading frames: spherical coordinates, reflection, half vectors, surface points.
+
+The frame (t, b, n) is right-handed with b = n x t and z = n. Every direction leaves the surface
+and has unit length: ``wo`` to the viewer, ``wi`` to the light, ``wh`` half way between them.
+"""
+
+import dataclasses
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _check
+
+Float64Array = npt.NDArray[np.float64]
+
+
+def normalise(v: npt.ArrayLike) -> Float64Array:
+    """Unit vectors (..., 3) along ``v`` (..., 3); extreme lengths do not overflow."""
+    a = _check.vectors("v", v).astype(np.float64, copy=False)
+    a = a / np.abs(a).max(axis=-1, keepdims=True)
+    return np.asarray(a / np.linalg.norm(a, axis=-1, keepdims=True))
+
+
+def dot(a: Float64Array, b: Float64Array) -> Float64Array:
+    """Inner product over the last axis."""
+    return np.asarray(np.einsum("...i,...i->...", a, b))
+
+
+def reflect(wo: npt.ArrayLike, wh: npt.ArrayLike) -> Float64Array:
+    """Mirror ``wo`` (..., 3) about ``wh`` (..., 3): 2 (wo.wh) wh - wo, unit when both are."""
+    o, h = _check.vectors("wo", wo), _check.vectors("wh", wh)
+    return np.asarray(2.0 * dot(o, h)[..., None] * h - o)  # type: ignore[arg-type]
+
+
+def half_vector(wi: npt.ArrayLike, wo: npt.ArrayLike) -> Float64Array:
+    """Unit half vector (wi + wo) / |wi + wo|, (..., 3); opposite directions are an error."""
+    i, o = _check.vectors("wi", wi), _check.vectors("wo", wo)
+    return normalise(i + o)
+
+
+def spherical(theta: npt.ArrayLike, phi: npt.ArrayLike) -> Float64Array:
+    """Unit vectors (..., 3) from polar angle ``theta`` and azimuth ``phi`` [rad], z the pole."""
+    t, p = np.broadcast_arrays(_check.array("theta", theta), _check.array("phi", phi))
+    return np.stack([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)], axis=-1)
+
+
+def sphere_tangent(normal: npt.ArrayLike) -> Float64Array:
+    """The sphere's tangent field (..., 3): normalise(cross(+y, n)), and +x at the poles."""
+    n = _check.unit_vectors("normal", normal)
+    t = np.stack([n[..., 2], np.zeros_like(n[..., 0]), -n[..., 0]], axis=-1)
+    length = np.hypot(n[..., 0], n[..., 2])
+    pole = length < 1e-12
+    t = t / np.where(pole, 1.0, length)[..., None]
+    return np.where(pole[..., None], np.array([1.0, 0.0, 0.0]), t)
+
+
+def to_world(v: npt.ArrayLike, tangent: Float64Array, normal: Float64Array) -> Float64Array:
+    """Vectors (..., 3) from the frame (t, b, n) to world coordinates."""
+    a = _check.array("v", v)
+    b = np.cross(normal, tangent)
+    return np.asarray(a[..., :1] * tangent + a[..., 1:2] * b + a[..., 2:] * normal)
+
+
+def to_local(v: npt.ArrayLike, tangent: Float64Array, normal: Float64Array) -> Float64Array:
+    """Vectors (..., 3) from world coordinates to the frame (t, b, n)."""
+    a = np.asarray(_check.array("v", v), dtype=np.float64)
+    b = np.cross(normal, tangent)
+    return np.stack([dot(a, tangent), dot(a, b), dot(a, normal)], axis=-1)
+
+
+@dataclasses.dataclass(frozen=True, init=False, eq=False)
+class SurfacePoints:
+    """What a pixel knows of the surface it sees: the shading frame and the direction to the eye.
+
+    Parameters
+    ----------
+    normal, view : (..., 3) array
+        Unit within 1e-3, then renormalised. World coordinates; ``view`` leaves the surface.
+    tangent : (..., 3) array, optional
+        Direction of ``mx``. Made perpendicular to the normal; the sphere's field by default.
+    mask : (...) array of bool, optional
+        False where no surface is seen: such pixels cost nothing and come out black. Their
+        vectors are not looked at.
+
+    Raises
+    ------
+    ValueError
+        For a wrong shape, a vector that is not unit, or a tangent along the normal.
+    """
+
+    normal: Float64Array
+    tangent: Float64Array
+    view: Float64Array
+    mask: npt.NDArray[np.bool_] | None
+
+    def __init__(
+        self,
+        normal: npt.ArrayLike,
+        tangent: npt.ArrayLike | None = None,
+        view: npt.ArrayLike | None = None,
+        mask: npt.ArrayLike | None = None,
+    ) -> None:
+        if view is None:
+            raise _check.fail("view", "is required", None)
+        n = _check.array("normal", normal)
+        v = _check.array("view", view)
+        t = None if tangent is None else _check.array("tangent", tangent)
+        try:
+            shape = np.broadcast_shapes(n.shape, v.shape, () if t is None else t.shape)
+        except ValueError:
+            shapes = [a.shape for a in (n, v, t) if a is not None]
+            raise _check.fail("normal, tangent, view", "must broadcast", shapes) from None
+        n, v = np.broadcast_to(n, shape), np.broadcast_to(v, shape)
+        t = None if t is None else np.broadcast_to(t, shape)
+        seen = None
+        if mask is not None:
+            seen = np.ascontiguousarray(np.asarray(mask, dtype=bool))
+            if seen.shape != shape[:-1]:
+                raise _check.fail("mask", f"must have shape {shape[:-1]}", seen.shape)
+            up, side = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+            n, v = np.where(seen[..., None], n, up), np.where(seen[..., None], v, up)
+            t = None if t is None else np.where(seen[..., None], t, side)
+        n, v = _check.unit_vectors("normal", n), _check.unit_vectors("view", v)
+        if t is None:
+            t = sphere_tangent(n)
+        else:
+            t = _check.unit_vectors("tangent", t)
+            t = t - dot(t, n)[..., None] * n
+            length = np.linalg.norm(t, axis=-1)
+            if np.any(length < 1e-3):
+                raise _check.fail("tangent", "must not lie along the normal", "a parallel pair")
+            t = t / length[..., None]
+        for name, value in (("normal", n), ("tangent", t), ("view", v), ("mask", seen)):
+            if value is not None:
+                value.flags.writeable = False
+            object.__setattr__(self, name, value)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the set of points, without the vector axis."""
+        return self.normal.shape[:-1]
+
+    @property
+    def bitangent(self) -> Float64Array:
+        """B = n x t, (..., 3)."""
+        return np.cross(self.normal, self.tangent)
+
+    @property
+    def local_view(self) -> Float64Array:
+        """The direction to the viewer in the frame (t, b, n), (..., 3)."""
+        return to_local(self.view, self.tangent, self.normal)
+
+    @property
+    def coverage(self) -> npt.NDArray[np.bool_]:
+        """The mask, or all True where none was given, shape (...)."""
+        return np.ones(self.shape, dtype=bool) if self.mask is None else self.mask
+
+    def __getitem__(self, key: object) -> "SurfacePoints":
+        """The points selected by a NumPy index over ``shape``."""
+        pick = None if self.mask is None else self.mask[key]  # type: ignore[index]
+        n, t, v = (a[key] for a in (self.normal, self.tangent, self.view))  # type: ignore[index]
+        return SurfacePoints(n, t, v, pick)

@@ -1,0 +1,7 @@
+"""Named tolerances, each with its reason."""
+
+ROUNDOFF = 1e-12
+"""float64: a few thousand operations at 2.2e-16."""
+
+SINGLE = 4e-6
+"""float32: a few dozen operations at 6e-8."""
