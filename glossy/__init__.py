@@ -5,6 +5,8 @@ never loads a compiler.
 """
 
 import importlib
+import sys
+import types
 from typing import TYPE_CHECKING, Any
 
 from ._version import __version__
@@ -13,15 +15,38 @@ if TYPE_CHECKING:
     from .brdf import Lobe, Material
     from .cubemap import CubeMap
     from .frames import SurfacePoints
+    from .pyramid import Pyramid, build_pyramid
 
 _WHERE = {
     "Lobe": "brdf",
     "Material": "brdf",
     "CubeMap": "cubemap",
+    "Pyramid": "pyramid",
     "SurfacePoints": "frames",
+    "build_pyramid": "pyramid",
 }
 
-__all__ = ["CubeMap", "Lobe", "Material", "SurfacePoints", "__version__"]
+__all__ = [
+    "CubeMap",
+    "Lobe",
+    "Material",
+    "Pyramid",
+    "SurfacePoints",
+    "__version__",
+    "build_pyramid",
+]
+
+
+class _Package(types.ModuleType):
+    """Keeps a public function in place when the submodule of the same name is imported."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if isinstance(value, types.ModuleType) and name in _WHERE:
+            value = getattr(value, name, value)
+        super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str) -> Any:

@@ -88,7 +88,7 @@ def count(name: str, value: object, low: int = 1, high: int | None = None) -> in
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool | np.bool_)
     if not whole:
         raise fail(name, "must be a whole number", value)
-    result = int(value)  # type: ignore[call-overload]
+    result: int = int(value)  # type: ignore[call-overload]
     if result < low or (high is not None and result > high):
         rule = f"must be at least {low}" if high is None else f"must be from {low} to {high}"
         raise fail(name, rule, value)
@@ -158,7 +158,11 @@ def radiance(
     finite = np.isfinite(value)
     bad = value.size - int(np.count_nonzero(finite))
     if bad and nonfinite == "error":
-        raise fail(name, "must be finite (nonfinite='clamp' or 'keep' admits them)", f"{bad} NaN or inf values")
+        raise fail(
+            name,
+            "must be finite (nonfinite='clamp' or 'keep' admits them)",
+            f"{bad} NaN or inf values",
+        )
     if bad and nonfinite == "clamp":
         top = np.float32(value[finite].max(initial=0.0))
         value = np.where(finite, value, np.where(np.isposinf(value), top, np.float32(0.0)))
@@ -168,8 +172,11 @@ def radiance(
     low = int(np.count_nonzero(below))
     if low and negative == "error":
         lowest = float(value[below].min())
-        raise fail(name, "must not be negative (negative='clamp' or 'keep' admits it)",
-                   f"{low} negative values, lowest {lowest:g}")
+        raise fail(
+            name,
+            "must not be negative (negative='clamp' or 'keep' admits it)",
+            f"{low} negative values, lowest {lowest:g}",
+        )
     if low and negative == "clamp":
         lowest = float(value[below].min())
         message = f"{name}: {low} negative values clamped to 0 (lowest {lowest:g})"

@@ -18,12 +18,15 @@ import os
 import pathlib
 import tempfile
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any, TypeAlias, TypeVar, cast
 
 import numba
 from numba import njit
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+Scalar: TypeAlias = Any
+"""A number inside a kernel: float32 or float64 (or an index), as the kernel is compiled for."""
 
 
 @functools.cache
@@ -52,12 +55,13 @@ def cache_folder() -> pathlib.Path:
 
 
 def _compile(func: F, **options: Any) -> F:
-    saved = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_folder())
+    config: Any = numba.config
+    saved = config.CACHE_DIR
+    config.CACHE_DIR = str(cache_folder())
     try:
         return cast(F, njit(cache=True, error_model="numpy", **options)(func))
     finally:
-        numba.config.CACHE_DIR = saved
+        config.CACHE_DIR = saved
 
 
 def kernel(func: F) -> F:

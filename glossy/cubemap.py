@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check
-from ._jit import kernel, parallel_kernel
+from ._jit import Scalar, kernel, parallel_kernel
 
 FACE_NAMES = ("+x", "-x", "+y", "-y", "+z", "-z")
 MAX_SIZE = 16384
@@ -119,9 +119,9 @@ def pad_faces(faces: Float32Array) -> Float32Array:
 
 @kernel
 def k_lookup_weights(
-    x: float, y: float, z: float, size: int
-) -> tuple[int, int, int, float, float]:
-    # -> face, padded row and column of the first of four texels, fractions across and down
+    x: Scalar, y: Scalar, z: Scalar, size: Scalar
+) -> tuple[Scalar, Scalar, Scalar, Scalar, Scalar]:
+    """Face, padded row and column of the first of the four texels, fractions across and down."""
     ax, ay, az = abs(x), abs(y), abs(z)
     if az >= ay and az >= ax:
         face = 4 if z >= 0.0 else 5
@@ -213,7 +213,7 @@ class CubeMap:
 
     def power(self) -> Float64Array:
         """Integral of the texels' radiance over the sphere, (3,): sum of L omega."""
-        return np.einsum("frcx,rc->x", self._faces.astype(np.float64), self.solid_angles())
+        return np.asarray(np.einsum("frcx,rc->x", self._faces, self.solid_angles()))
 
     def __repr__(self) -> str:
         return f"CubeMap(size={self.size})"

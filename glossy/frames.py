@@ -5,6 +5,7 @@ and has unit length: ``wo`` to the viewer, ``wi`` to the light, ``wh`` half way 
 """
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -155,8 +156,7 @@ class SurfacePoints:
         """The mask, or all True where none was given, shape (...)."""
         return np.ones(self.shape, dtype=bool) if self.mask is None else self.mask
 
-    def __getitem__(self, key: object) -> "SurfacePoints":
+    def __getitem__(self, key: Any) -> "SurfacePoints":
         """The points selected by a NumPy index over ``shape``."""
-        pick = None if self.mask is None else self.mask[key]  # type: ignore[index]
-        n, t, v = (a[key] for a in (self.normal, self.tangent, self.view))  # type: ignore[index]
-        return SurfacePoints(n, t, v, pick)
+        pick = None if self.mask is None else self.mask[key]
+        return SurfacePoints(self.normal[key], self.tangent[key], self.view[key], pick)
