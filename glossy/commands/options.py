@@ -1,0 +1,171 @@
+"""Arguments that several commands share, and the scene they describe.
+
+Every default is None, so that an argument on the command line overrides the scene file and a
+missing one leaves it; what neither names takes the defaults of ``Scene``.
+"""
+
+import argparse
+import dataclasses
+import sys
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ..scene import Scene
+
+METHOD_OPTIONS = ("threshold", "filter", "footprint", "normalisation", "bias", "precision")
+
+
+def add_scene_arguments(parser: argparse.ArgumentParser, gbuffer: bool = True) -> None:
+    """SCENE, --env, --material, picture size and what is in it."""
+    group = parser.add_argument_group("scene")
+    group.add_argument("scene", nargs="?", metavar="SCENE", help="scene file (TOML)")
+    group.add_argument(
+        "--env",
+        metavar="E",
+        help="environment: a file (EXR, HDR), a folder of six faces, or a built-in name: "
+        "spots, studio, sky, white, axes (default spots)",
+    )
+    group.add_argument("--size", type=int, metavar="N", help="cube map size (default 256)")
+    group.add_argument(
+        "--material",
+        metavar="M",
+        help="a published name, a file, or parameters such as mx=.2,my=.075,r0=1,alpha=0 "
+        "(default mx=0.15)",
+    )
+    if gbuffer:
+        group.add_argument("--gbuffer", metavar="F", help="surface points from a file (EXR, npz)")
+    group.add_argument("--shape", choices=("sphere", "plane"), help="default sphere")
+    group.add_argument("--width", type=int, help="pixels (default 256)")
+    group.add_argument("--height", type=int, help="pixels (default 256)")
+    group.add_argument(
+        "--input-layout", metavar="L", help="layout of the environment file, if not recognised"
+    )
+    group.add_argument("--orientation", metavar="O", help="orientation preset of the environment")
+    group.add_argument("--negative", choices=("error", "clamp", "keep"), help="negative radiance")
+    group.add_argument("--nonfinite", choices=("error", "clamp", "keep"), help="NaN and infinity")
+
+
+def add_background_argument(parser: argparse.ArgumentParser) -> None:
+    """--background, for commands that write pictures."""
+    parser.add_argument(
+        "--background",
+        choices=("environment", "black"),
+        help="pixels that see no surface (default environment; black with a G-buffer)",
+    )
+
+
+def add_method_arguments(parser: argparse.ArgumentParser) -> None:
+    """--method, --samples and the options of the methods."""
+    group = parser.add_argument_group("method")
+    group.add_argument(
+        "--method", metavar="NAME", help="regular, importance, thesis, ... (regular)"
+    )
+    group.add_argument("--samples", type=int, metavar="N", help="samples per lobe (default 20)")
+    group.add_argument("--threshold", type=float, metavar="X", help="pattern's density threshold")
+    group.add_argument(
+        "--filter", metavar="NAME", help="pyramid: box, gauss4, gauss6, ... (gauss6)"
+    )
+    group.add_argument("--footprint", metavar="NAME", help="paper, thesis or jacobian")
+    group.add_argument("--normalisation", metavar="NAME", help="paper or projected")
+    group.add_argument("--bias", type=float, metavar="B", help="added to the level (default 0)")
+    group.add_argument("--precision", choices=("single", "double"), help="arithmetic (single)")
+
+
+def add_json_argument(parser: argparse.ArgumentParser) -> None:
+    """--json."""
+    parser.add_argument("--json", action="store_true", help="print what was done as JSON")
+
+
+def scene_from(args: argparse.Namespace) -> "Scene":
+    """The scene file with the command line's arguments laid over it."""
+    from ..scene import EnvironmentSource, Plane, Scene, Sphere, default_camera, load_scene
+
+    scene = load_scene(args.scene) if args.scene else Scene()
+    given = {k: v for k, v in vars(args).items() if v is not None}
+
+    env = dataclasses.asdict(scene.environment)
+    for name, key in (
+        ("env", "source"),
+        ("size", "size"),
+        ("input_layout", "layout"),
+        ("orientation", "orientation"),
+        ("negative", "negative"),
+        ("nonfinite", "nonfinite"),
+    ):
+        if name in given:
+            env[key] = given[name]
+    change: dict[str, Any] = {"environment": EnvironmentSource(**env)}
+
+    for name in ("material", "background", "method", "samples"):
+        if name in given and name in {f.name for f in dataclasses.fields(Scene)}:
+            change[name] = given[name]
+    options = {name: given[name] for name in METHOD_OPTIONS if name in given}
+    change["options"] = {**scene.options, **options}
+
+    picture = {k: given[k] for k in ("width", "height") if k in given}
+    gbuffer = given.get("gbuffer", None if picture or "shape" in given else scene.gbuffer)
+    if gbuffer is not None:
+        clash = [f"--{k}" for k in ("shape", "width", "height") if k in given]
+        if clash:
+            raise ValueError(f"--gbuffer: brings its own points, so {clash[0]} has no meaning")
+        background = given.get("background", "black")
+        if background != "black":
+            raise ValueError("--background: a G-buffer has no rays to the environment, only black")
+        change |= {"gbuffer": gbuffer, "background": "black"}
+    else:
+        shape = scene.shape
+        if "shape" in given:
+            shape = Sphere() if given["shape"] == "sphere" else Plane()
+        old = scene.camera
+        size = {"width": 256, "height": 256}
+        if old is not None:
+            size = {"width": old.width, "height": old.height}
+        size |= picture
+        framed = (
+            old is None
+            or shape is not scene.shape
+            or old == default_camera(shape, old.width, old.height)
+        )
+        camera = default_camera(shape, **size) if framed else dataclasses.replace(old, **size)  # type: ignore[type-var]
+        change |= {"gbuffer": None, "shape": shape, "camera": camera}
+    return dataclasses.replace(scene, **change)
+
+
+def progress(items: Any, total: int | None = None, label: str = "") -> Iterator[Any]:
+    """``items`` with a bar on stderr when that is a terminal, and nothing otherwise."""
+    from tqdm import tqdm
+
+    yield from tqdm(items, total=total, desc=label, disable=not sys.stderr.isatty(), leave=False)
+
+
+def check_output(path: str, suffixes: tuple[str, ...]) -> None:
+    """Refuse an unwritable output before the work is done."""
+    import pathlib
+
+    file = pathlib.Path(path)
+    if file.suffix.lower() not in suffixes:
+        raise ValueError(f"--output: must end in {', '.join(suffixes)}, got {path!r}")
+    if not file.parent.is_dir():
+        raise FileNotFoundError(f"--output: no folder {str(file.parent)!r}")
+
+
+def report(args: argparse.Namespace, command: str, result: dict[str, Any]) -> None:
+    """Print a result: JSON with its schema, or one ``name: value`` line each."""
+    if args.json:
+        import json
+
+        print(json.dumps({"schema": 1, "command": command, **result}, indent=2))
+        return
+    for name, value in result.items():
+        print(f"{name.replace('_', ' ')}: {_text(value)}")
+
+
+def _text(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{k} {_text(v)}" for k, v in value.items()) or "none"
+    if isinstance(value, list):
+        return " ".join(_text(v) for v in value)
+    return str(value)

@@ -1,0 +1,57 @@
+"""``glossy reference``: the ground truth of a scene, with its error."""
+
+import argparse
+
+from . import options
+
+EXAMPLE = """\
+examples:
+  glossy reference --env spots --material mx=.15 -o truth.exr
+  glossy reference --env room.hdr --size 256 --tolerance 1e-4 -o truth.exr
+  glossy reference scene.toml --estimator qmc --samples 4096 --seed 1 -o truth.exr --json
+
+The EXR holds R, G, B and the error of each pixel and channel as error.R, error.G, error.B:
+a bound on the absolute error (texels) or its standard error (mc, qmc).
+"""
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the command to the ``glossy`` parser."""
+    parser = subparsers.add_parser(
+        "reference",
+        help="ground truth of a scene, with error bars",
+        description="Integrate the reflected radiance of a scene without any of the real-time "
+        "methods' approximations, and say how far off it may be.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    options.add_scene_arguments(parser)
+    options.add_background_argument(parser)
+    group = parser.add_argument_group("estimator")
+    group.add_argument("--estimator", choices=("texels", "mc", "qmc"), default="texels")
+    group.add_argument("--tolerance", type=float, metavar="X", help="relative error to reach")
+    group.add_argument("--samples", type=int, metavar="N", help="samples per pixel (mc, qmc)")
+    group.add_argument("--seed", type=int, default=0, help="of the random numbers (default 0)")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=".exr, .hdr or .png")
+    options.add_json_argument(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Integrate and write the picture with its error."""
+    from ..image import write_exr, write_image
+    from ..render import render_reference
+
+    options.check_output(args.output, (".exr", ".hdr", ".png"))
+    wanted = {"samples": args.samples, "tolerance": args.tolerance, "seed": args.seed}
+    args.samples = None  # of the estimator here, not of a method
+    scene = options.scene_from(args)
+    rendering = render_reference(scene, estimator=args.estimator, **wanted)
+    if str(args.output).lower().endswith(".exr"):
+        channels = {name: rendering.image[..., k] for k, name in enumerate("RGB")}
+        channels |= {f"error.{name}": rendering.error[..., k] for k, name in enumerate("RGB")}
+        write_exr(args.output, channels, metadata={"errorKind": rendering.error_kind})
+    else:
+        write_image(args.output, rendering.image)
+    options.report(args, "reference", {"output": str(args.output), **rendering.to_dict()})
+    return 0

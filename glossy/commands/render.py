@@ -1,0 +1,43 @@
+"""``glossy render``: one picture with a real-time method."""
+
+import argparse
+
+from . import options
+
+EXAMPLE = """\
+examples:
+  glossy render -o spots.png
+  glossy render --env studio --material mx=.2,my=.075 --samples 30 --threshold 0.1 -o out.exr
+  glossy render scene.toml --footprint jacobian --bias -0.5 --json -o out.exr
+"""
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the command to the ``glossy`` parser."""
+    parser = subparsers.add_parser(
+        "render",
+        help="render a scene with a real-time method",
+        description="Render a scene, or the surface points of a G-buffer, with one of the "
+        "real-time methods. EXR and HDR hold linear radiance; PNG is clipped and sRGB encoded.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    options.add_scene_arguments(parser)
+    options.add_background_argument(parser)
+    options.add_method_arguments(parser)
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=".exr, .hdr or .png")
+    options.add_json_argument(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Render and write the picture."""
+    from ..image import write_image
+    from ..render import render_scene
+
+    options.check_output(args.output, (".exr", ".hdr", ".png"))
+    scene = options.scene_from(args)
+    rendering = render_scene(scene)
+    write_image(args.output, rendering.image)
+    options.report(args, "render", {"output": str(args.output), **rendering.to_dict()})
+    return 0

@@ -1,0 +1,53 @@
+"""``glossy study``: speed against error of the methods, and the paper's claims tested."""
+
+import argparse
+
+from . import options
+
+EXAMPLE = """\
+examples:
+  glossy study -o out
+  glossy study --env room.hdr --size 512 --material mx=.2,my=.075 -o out
+  glossy study --methods regular/paper,importance --samples 14,30,270 -o out
+  glossy study --resume -o out          continue after an interruption
+
+A method is NAME or NAME/FOOTPRINT or NAME/FOOTPRINT/NORMALISATION. DIR receives report.md,
+study.json, study.csv, speed.png, the pictures, and cells/ with one file per finished measurement.
+"""
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the command to the ``glossy`` parser."""
+    parser = subparsers.add_parser(
+        "study",
+        help="speed against error, and the paper's claims tested",
+        description="Measure error and time of the real-time methods against the ground truth "
+        "over sample budgets, without and with the best level bias, and say which of the paper's "
+        "claims hold in these runs.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    options.add_scene_arguments(parser, gbuffer=False)
+    group = parser.add_argument_group("study")
+    group.add_argument(
+        "--methods", metavar="A,B", help="default: the three regular ones, importance"
+    )
+    group.add_argument("--samples", metavar="N,N", help="budgets (default 7,14,20,30,50,100,270)")
+    group.add_argument("--filter", metavar="NAME", help="pyramid filter (default gauss6)")
+    group.add_argument(
+        "--reference-tolerance", type=float, metavar="X", help="of the truth (default 1e-3)"
+    )
+    group.add_argument("--repeats", type=int, metavar="N", help="timed runs a cell (default 3)")
+    group.add_argument("--resume", action="store_true", help="keep the finished cells in DIR")
+    parser.add_argument(
+        "-o", "--output", required=True, metavar="DIR", help="folder for the results"
+    )
+    options.add_json_argument(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the study, write its folder and print the tables."""
+    from ..study import commandline
+
+    return commandline.run(args)
