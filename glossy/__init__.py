@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from .brdf import Lobe, Material
     from .cubemap import CubeMap
     from .frames import SurfacePoints
+    from .materials import material, material_names
+    from .pattern import Pattern, importance_pattern, pattern_for_budget, regular_pattern
     from .pyramid import Pyramid, build_pyramid
 
 _WHERE = {
@@ -23,6 +25,12 @@ _WHERE = {
     "CubeMap": "cubemap",
     "Pyramid": "pyramid",
     "SurfacePoints": "frames",
+    "material": "materials",
+    "material_names": "materials",
+    "Pattern": "pattern",
+    "importance_pattern": "pattern",
+    "pattern_for_budget": "pattern",
+    "regular_pattern": "pattern",
     "build_pyramid": "pyramid",
 }
 
@@ -30,10 +38,16 @@ __all__ = [
     "CubeMap",
     "Lobe",
     "Material",
+    "Pattern",
     "Pyramid",
     "SurfacePoints",
     "__version__",
     "build_pyramid",
+    "importance_pattern",
+    "material",
+    "material_names",
+    "pattern_for_budget",
+    "regular_pattern",
 ]
 
 
