@@ -18,6 +18,7 @@ import pathlib
 import tempfile
 import zipfile
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -114,14 +115,14 @@ def write_gbuffer(path: str | os.PathLike[str], points: SurfacePoints) -> None:
     if len(points.shape) != 2:
         raise ValueError(f"{file}: points must have shape (H, W), got {points.shape}")
     seen = points.coverage
-    arrays = {
+    arrays: dict[str, npt.NDArray[Any]] = {
         name: np.where(seen[..., None], getattr(points, name), 0.0)
         for name in ("normal", "tangent", "view")
     }
     if file.suffix.lower() == ".npz":
         with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".npz", delete=False) as stream:
             try:
-                np.savez_compressed(stream, mask=seen, **arrays)
+                np.savez_compressed(stream, allow_pickle=False, mask=seen, **arrays)
             except BaseException:
                 os.unlink(stream.name)
                 raise

@@ -118,10 +118,10 @@ def scene_from(args: argparse.Namespace) -> "Scene":
         if "shape" in given:
             shape = Sphere() if given["shape"] == "sphere" else Plane()
         old = scene.camera
-        size = {"width": 256, "height": 256}
+        size: dict[str, int] = {"width": 256, "height": 256}
         if old is not None:
             size = {"width": old.width, "height": old.height}
-        size |= picture
+        size.update(picture)
         framed = (
             old is None
             or shape is not scene.shape
