@@ -18,20 +18,24 @@ if TYPE_CHECKING:
     from .materials import material, material_names
     from .pattern import Pattern, importance_pattern, pattern_for_budget, regular_pattern
     from .pyramid import Pyramid, build_pyramid
+    from .shading import shade
+    from .trace import trace
 
 _WHERE = {
+    "CubeMap": "cubemap",
     "Lobe": "brdf",
     "Material": "brdf",
-    "CubeMap": "cubemap",
+    "Pattern": "pattern",
     "Pyramid": "pyramid",
     "SurfacePoints": "frames",
+    "build_pyramid": "pyramid",
+    "importance_pattern": "pattern",
     "material": "materials",
     "material_names": "materials",
-    "Pattern": "pattern",
-    "importance_pattern": "pattern",
     "pattern_for_budget": "pattern",
     "regular_pattern": "pattern",
-    "build_pyramid": "pyramid",
+    "shade": "shading",
+    "trace": "trace",
 }
 
 __all__ = [
@@ -48,6 +52,8 @@ __all__ = [
     "material_names",
     "pattern_for_budget",
     "regular_pattern",
+    "shade",
+    "trace",
 ]
 
 

@@ -68,7 +68,7 @@ def _exponent(h: Float64Array, mx: float, my: float) -> Float64Array:
         return np.asarray(-((h[:, 0] / h[:, 2] / mx) ** 2) - (h[:, 1] / h[:, 2] / my) ** 2)
 
 
-def _distribution(h: Float64Array, mx: float, my: float) -> Float64Array:
+def distribution(h: Float64Array, mx: float, my: float) -> Float64Array:
     """D(h) of eq. (4) [1/sr], shape (n,)."""
     return np.exp(_exponent(h, mx, my) - 4.0 * np.log(h[:, 2])) / (math.pi * mx * my)
 
@@ -131,7 +131,7 @@ class Pattern:
             raise _check.fail("half_vectors", "must lie above the surface (z > 0)", worst)
         widths = None if lobe is None else _widths(lobe)
         if widths is not None:
-            d = _distribution(h, *widths)
+            d = distribution(h, *widths)
             if pdf_constant is None:
                 pdf_constant = float(d.mean())
             if projected_pdf_constant is None:
@@ -390,5 +390,5 @@ def importance_pattern(lobe: Widths, samples: int = 40) -> Pattern:
     slopes = np.stack([mx * radius * np.cos(phi), my * radius * np.sin(phi)], axis=-1)
     h = np.concatenate([slopes, np.ones((len(xi), 1))], axis=-1)
     h /= np.linalg.norm(h, axis=-1, keepdims=True)
-    p_h = _distribution(h, mx, my) * h[:, 2]
+    p_h = distribution(h, mx, my) * h[:, 2]
     return Pattern(h, cell=1.0 / (len(h) * p_h), lobe=(mx, my), method="importance")

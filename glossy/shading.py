@@ -1,0 +1,449 @@
+"""The real-time estimators: a few filtered lookups per pixel along a pattern of half vectors.
+
+For every half vector wh of a lobe's pattern, with wi = reflect(wo, wh)::
+
+    L = ks/n sum L_mip(wi, level) f(wi, wo) (wi.n) / p,   p = p_h / (4 (wi.wh))         (1)
+
+Samples with wi.n <= 0 add nothing and count in n. The regular pattern has one density for all of
+its samples, p_h = mean of D(wh) ("paper") or of D(wh)(wh.n) ("projected": dense patterns then tend
+to the integral); importance sampling has p_h = D(wh)(wh.n) for each. Since wh is known exactly, the
+lobe needs no exponential per pixel: with F and the lobe's D, (1) is ::
+
+    L = ks sum g L_mip F(wo.wh) (wi.n) / ((wi.n)(wo.n))^alpha,   g = D(wh) / (n p_h)    (2)
+
+``k_tap`` is the definition of one sample; the pixel loop and ``trace`` both call it. Transmission
+lobes look up wi mirrored in the surface, with 1 - F for F.
+
+Source: the regular sampling paper, eqs. 2, 9, 16-18 and its ``EvaluateSpecularLobe``; importance
+sampling with filtered lookups is Colbert and Krivanek's, with Hammersley points.
+"""
+
+import dataclasses
+import math
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from . import _check, methods
+from ._jit import Scalar, kernel, parallel_kernel
+from .brdf import Lobe, Material, k_schlick
+from .footprint import FOOTPRINTS, JACOBIAN, border_sines, k_level, k_lobe_area, k_texels
+from .frames import SurfacePoints
+from .pattern import Pattern, distribution, importance_pattern, pattern_for_budget
+from .pyramid import Pyramid, subtexel_steps
+from .sampler import k_trilinear_rgb
+
+NORMALISATIONS = ("paper", "projected")
+CHUNK = 1 << 20  # pixels converted to the kernel's precision at a time
+
+FloatArray = npt.NDArray[np.floating]
+Float32Array = npt.NDArray[np.float32]
+Int64Array = npt.NDArray[np.int64]
+Patterns = Pattern | Sequence[Pattern] | None
+
+ZERO, ONE, TWO = (np.float32(v) for v in (0.0, 1.0, 2.0))
+
+
+@dataclasses.dataclass(frozen=True)
+class TapTable:
+    """What the kernels take for one material: the patterns of its lobes, ready to use.
+
+    ``taps`` (K, 5): wh in the frame, g of eq. (2), spread of the footprint; ``first`` (L + 1,):
+    where each lobe's taps begin; ``borders`` (L, 2): sines of the lobe's border angles; ``lobes``,
+    ``ks``, ``r0``: as in ``PackedMaterial``.
+    """
+
+    taps: FloatArray
+    first: Int64Array
+    borders: FloatArray
+    lobes: FloatArray
+    ks: FloatArray
+    r0: FloatArray
+    footprint: int
+    bias: float
+    steps: float
+
+    def cast(self, dtype: type) -> "TapTable":
+        """The table in the kernels' precision."""
+        arrays = (self.taps, self.borders, self.lobes, self.ks, self.r0)
+        taps, borders, lobes, ks, r0 = (_check.frozen(a.astype(dtype)) for a in arrays)
+        bias, steps = dtype(self.bias), dtype(self.steps)
+        return TapTable(taps, self.first, borders, lobes, ks, r0, self.footprint, bias, steps)
+
+
+# --- one sample -----------------------------------------------------------------------------------
+
+
+@kernel
+def k_tap(
+    tap: FloatArray,
+    lobe: FloatArray,
+    area: Scalar,
+    footprint: Scalar,
+    bias: Scalar,
+    wo: tuple[Scalar, Scalar, Scalar],
+    frame: tuple[Scalar, ...],
+) -> tuple[bool, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar]:
+    """One sample: kept, wi in world coordinates, texels, level, weight without F, (1 - wo.wh)^5.
+
+    ``wo`` is local; ``frame`` holds t, b, n in world coordinates.
+    """
+    wox, woy, woz = wo
+    cos_h = wox * tap[0] + woy * tap[1] + woz * tap[2]
+    ix, iy = TWO * cos_h * tap[0] - wox, TWO * cos_h * tap[1] - woy
+    iz = TWO * cos_h * tap[2] - woz
+    if cos_h <= ZERO or iz <= ZERO:
+        none = ZERO * cos_h
+        return False, none, none, none, none, none, none, none
+    up = iz * lobe[4]
+    x = frame[0] * ix + frame[3] * iy + frame[6] * up
+    y = frame[1] * ix + frame[4] * iy + frame[7] * up
+    z = frame[2] * ix + frame[5] * iy + frame[8] * up
+    d = ONE / max(abs(x), abs(y), abs(z))
+    texels = k_texels(footprint, tap[4], area, cos_h, d)
+    weight = tap[3] * iz
+    if lobe[3] != ZERO:
+        weight = weight / (iz * woz) ** lobe[3]
+    schlick = k_schlick(ix, iy, iz, wox, woy, woz, cos_h)
+    return True, x, y, z, texels, k_level(texels, bias), weight, schlick
+
+
+@kernel
+def k_fresnel(r0: Scalar, schlick: Scalar, side: Scalar) -> Scalar:
+    """F for a reflection lobe (side +1), 1 - F for a transmission lobe (-1)."""
+    f = r0 + (ONE - r0) * schlick
+    return f if side > ZERO else ONE - f
+
+
+@kernel
+def k_frame(
+    normal: FloatArray, tangent: FloatArray, view: FloatArray
+) -> tuple[tuple[Scalar, ...], tuple[Scalar, Scalar, Scalar]]:
+    """Frame t, b, n in world coordinates, and the local direction to the viewer."""
+    nx, ny, nz = normal[0], normal[1], normal[2]
+    tx, ty, tz = tangent[0], tangent[1], tangent[2]
+    bx, by, bz = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
+    vx, vy, vz = view[0], view[1], view[2]
+    wo = (
+        vx * tx + vy * ty + vz * tz,
+        vx * bx + vy * by + vz * bz,
+        vx * nx + vy * ny + vz * nz,
+    )
+    return (tx, ty, tz, bx, by, bz, nx, ny, nz), wo
+
+
+@parallel_kernel
+def _shade(
+    normal: FloatArray,
+    tangent: FloatArray,
+    view: FloatArray,
+    seen: npt.NDArray[np.bool_],
+    taps: FloatArray,
+    first: Int64Array,
+    borders: FloatArray,
+    lobes: FloatArray,
+    ks: FloatArray,
+    r0: FloatArray,
+    footprint: Scalar,
+    bias: Scalar,
+    steps: Scalar,
+    pi: Scalar,
+    buffer: Float32Array,
+    chain: Int64Array,
+    stride: Scalar,
+    out: FloatArray,
+) -> None:
+    # (P, 3) x3, (P,), then TapTable's arrays, then Pyramid's; out (P, 3)
+    for p in numba.prange(normal.shape[0]):
+        out[p, 0] = out[p, 1] = out[p, 2] = ZERO
+        if not seen[p]:
+            continue
+        frame, wo = k_frame(normal[p], tangent[p], view[p])
+        if wo[2] <= ZERO:
+            continue
+        for j in range(lobes.shape[0]):
+            area = ONE * pi
+            if footprint != JACOBIAN:
+                area = k_lobe_area(borders[j, 0], borders[j, 1], wo, pi)
+            red = green = blue = ZERO * pi
+            for k in range(first[j], first[j + 1]):
+                kept, x, y, z, _texels, level, weight, schlick = k_tap(
+                    taps[k], lobes[j], area, footprint, bias, wo, frame
+                )
+                if kept:
+                    r, g, b = k_trilinear_rgb(x, y, z, level, buffer, chain, stride, steps)
+                    red += weight * k_fresnel(r0[j, 0], schlick, lobes[j, 4]) * r
+                    green += weight * k_fresnel(r0[j, 1], schlick, lobes[j, 4]) * g
+                    blue += weight * k_fresnel(r0[j, 2], schlick, lobes[j, 4]) * b
+            out[p, 0] += ks[j, 0] * red
+            out[p, 1] += ks[j, 1] * green
+            out[p, 2] += ks[j, 2] * blue
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+def _patterns_of(pattern: Patterns, count: int) -> list[Pattern | None]:
+    """One pattern (or None) for each of ``count`` lobes."""
+    if pattern is None or isinstance(pattern, Pattern):
+        return [pattern] * count
+    patterns = list(pattern)
+    if len(patterns) != count or not all(isinstance(p, Pattern) for p in patterns):
+        raise _check.fail("pattern", f"must be a Pattern or {count}, one for each lobe", pattern)
+    return list(patterns)
+
+
+def _table(
+    material: Material,
+    pyramid: Pyramid,
+    rows: Sequence[tuple[FloatArray, FloatArray, FloatArray, tuple[float, float]]],
+    footprint: str,
+    bias: float,
+    subtexel_bits: int | None,
+) -> TapTable:
+    """Join the rows (half vectors, g, cell, border sines) of the lobes into one table."""
+    packed = material.pack()
+    index = FOOTPRINTS.index(footprint)
+    face = float(pyramid.size) ** 2
+    parts = []
+    for h, gain, cell, _ in rows:
+        spread = face * cell if index == JACOBIAN else np.full(len(h), face / (4.0 * len(h)))
+        parts.append(np.column_stack([h, gain, spread]))
+    counts = [len(part) for part in parts]
+    return TapTable(
+        taps=np.concatenate(parts) if parts else np.empty((0, 5)),
+        first=np.asarray(_check.frozen(np.concatenate([[0], np.cumsum(counts)]).astype(np.int64))),
+        borders=np.array([row[3] for row in rows]).reshape(-1, 2),
+        lobes=packed.lobes,
+        ks=packed.ks,
+        r0=packed.r0,
+        footprint=index,
+        bias=_check.number("bias", bias),
+        steps=subtexel_steps(subtexel_bits),
+    )
+
+
+def regular_table(
+    material: Material,
+    pyramid: Pyramid,
+    *,
+    samples: int = 20,
+    threshold: float = 0.1,
+    footprint: str = "paper",
+    normalisation: str = "paper",
+    bias: float = 0.0,
+    pattern: Patterns = None,
+    subtexel_bits: int | None = None,
+) -> TapTable:
+    """The samples of ``regular`` for one material; same options."""
+    _check.choice("footprint", footprint, FOOTPRINTS)
+    _check.choice("normalisation", normalisation, NORMALISATIONS)
+    rows = []
+    lobes = [lobe for lobe, _ in material.sided_lobes()]
+    for lobe, given in zip(lobes, _patterns_of(pattern, len(lobes)), strict=True):
+        own = given or pattern_for_budget(lobe, samples=samples, threshold=threshold)
+        mx, my = lobe.widths
+        h = own.half_vectors
+        d = distribution(h, mx, my)
+        p_h = own.pdf_constant if normalisation == "paper" else own.projected_pdf_constant
+        if p_h is None:
+            p_h = float(np.mean(d if normalisation == "paper" else d * h[:, 2]))
+        if footprint == "jacobian" and own.cell is None:
+            raise _check.fail("pattern", "must have a cell for footprint 'jacobian'", own.cell)
+        cell = np.broadcast_to(np.asarray(own.cell or 0.0, dtype=np.float64), len(h))
+        xi = threshold if own.threshold is None else own.threshold
+        rows.append((h, d / (len(h) * p_h), cell, border_sines(mx, my, xi)))
+    return _table(material, pyramid, rows, footprint, bias, subtexel_bits)
+
+
+def importance_table(
+    material: Material,
+    pyramid: Pyramid,
+    *,
+    samples: int = 20,
+    bias: float = 0.0,
+    pattern: Patterns = None,
+    subtexel_bits: int | None = None,
+) -> TapTable:
+    """The samples of ``importance`` for one material; same options."""
+    rows = []
+    lobes = [lobe for lobe, _ in material.sided_lobes()]
+    for lobe, given in zip(lobes, _patterns_of(pattern, len(lobes)), strict=True):
+        h = (given or importance_pattern(lobe, samples=samples)).half_vectors
+        p_h = distribution(h, *lobe.widths) * h[:, 2]
+        rows.append((h, 1.0 / (len(h) * h[:, 2]), 1.0 / (len(h) * p_h), (0.0, 0.0)))
+    return _table(material, pyramid, rows, "jacobian", bias, subtexel_bits)
+
+
+TABLES = {"regular": regular_table, "importance": importance_table}
+
+
+# --- methods --------------------------------------------------------------------------------------
+
+
+def run_table(
+    points: SurfacePoints, table: TapTable, pyramid: Pyramid, precision: str = "single"
+) -> FloatArray:
+    """Evaluate eq. (2) at every point, shape (..., 3)."""
+    dtype = _check.dtype_of(precision)
+    if not isinstance(pyramid, Pyramid) or pyramid.channels != 3:
+        raise _check.fail("pyramid", "must be a Pyramid of three channels", pyramid)
+    cast = table.cast(dtype)
+    buffer, chain, stride = pyramid.kernel_arguments
+    vectors = [v.reshape(-1, 3) for v in (points.normal, points.tangent, points.view)]
+    seen = points.coverage.reshape(-1)
+    out = np.empty((seen.size, 3), dtype=dtype)
+    for start in range(0, seen.size, CHUNK):
+        part = slice(start, start + CHUNK)
+        n, t, v = (_check.frozen(a[part].astype(dtype)) for a in vectors)
+        _shade(
+            n, t, v, _check.frozen(seen[part]), cast.taps, cast.first, cast.borders, cast.lobes,
+            cast.ks, cast.r0, cast.footprint, cast.bias, cast.steps, dtype(math.pi), buffer, chain,
+            stride, out[part],
+        )  # fmt: skip
+    return out.reshape(*points.shape, 3)
+
+
+def regular(
+    points: SurfacePoints,
+    material: Material,
+    pyramid: Pyramid,
+    *,
+    precision: str = "single",
+    samples: int = 20,
+    threshold: float = 0.1,
+    footprint: str = "paper",
+    normalisation: str = "paper",
+    bias: float = 0.0,
+    pattern: Patterns = None,
+    subtexel_bits: int | None = None,
+) -> FloatArray:
+    """Regular sampling, eq. (1) with one density per pattern.
+
+    Parameters
+    ----------
+    samples : int
+        Budget of each lobe; the nearest pattern is taken (``pattern_for_budget``).
+    threshold : float in (0, 1)
+        Share of the peak at which the lobe is cut off.
+    footprint : "paper", "thesis" or "jacobian"
+        Texels per sample, eqs. (3)-(5) of ``footprint``.
+    normalisation : "paper" or "projected"
+        The density constant: mean of D, or of D (wh.n).
+    bias : float [level]
+        Added to every level.
+    pattern : Pattern or one for each lobe, optional
+        Used as given; ``samples`` is then without effect, and ``threshold`` too if the pattern
+        records its own.
+    subtexel_bits : int, optional
+        Fixed-point fractions of the sampler (see ``Pyramid.sample``).
+    precision : "single" or "double"
+
+    Returns
+    -------
+    (..., 3) radiance of the glossy lobes.
+    """
+    table = regular_table(
+        material,
+        pyramid,
+        samples=samples,
+        threshold=threshold,
+        footprint=footprint,
+        normalisation=normalisation,
+        bias=bias,
+        pattern=pattern,
+        subtexel_bits=subtexel_bits,
+    )
+    return run_table(points, table, pyramid, precision)
+
+
+def importance(
+    points: SurfacePoints,
+    material: Material,
+    pyramid: Pyramid,
+    *,
+    precision: str = "single",
+    samples: int = 20,
+    bias: float = 0.0,
+    pattern: Patterns = None,
+    subtexel_bits: int | None = None,
+) -> FloatArray:
+    """Filtered importance sampling: the same Hammersley pattern at every pixel.
+
+    Options as for ``regular``; a sample's footprint is the solid angle 1/(n p) it stands for.
+    """
+    table = importance_table(
+        material,
+        pyramid,
+        samples=samples,
+        bias=bias,
+        pattern=pattern,
+        subtexel_bits=subtexel_bits,
+    )
+    return run_table(points, table, pyramid, precision)
+
+
+def shade(
+    points: SurfacePoints,
+    material: Material | Lobe,
+    prepared: Any,
+    method: str = "regular",
+    precision: str = "single",
+    irradiance: npt.ArrayLike | None = None,
+    **options: Any,
+) -> FloatArray:
+    """Radiance towards the viewer from every point, by a real-time method.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        Any shape (...); masked points and points seen from behind are black.
+    material : Material, or a Lobe alone
+    prepared : Pyramid
+        What the method looks up; other methods prepare something else.
+    method : str
+        A name of ``methods.METHODS``.
+    precision : "single" or "double"
+        "single" follows the GPU's arithmetic, "double" is its yardstick.
+    irradiance : (..., 3) array, optional
+        Irradiance at the points for the diffuse term kd/pi E. A material with kd > 0 without it
+        is warned about.
+    **options
+        The method's own: for ``regular`` samples, threshold, footprint, normalisation, bias,
+        pattern, subtexel_bits.
+
+    Returns
+    -------
+    (..., 3) float32, or float64 in double precision.
+
+    Raises
+    ------
+    ValueError
+        For an unknown method, an option foreign to it, or a value out of range.
+    """
+    function = methods.resolve(method)
+    methods.check_options(method, options)
+    if isinstance(material, Lobe):
+        material = Material(reflection=[material])
+    dtype = _check.dtype_of(precision)
+    out: FloatArray = function(points, material, prepared, precision=precision, **options)
+    if material.diffuse.any():
+        if irradiance is None:
+            message = (
+                "material has kd > 0 but no irradiance was given: the diffuse term is left out"
+            )
+            warnings.warn(message, stacklevel=2)
+        else:
+            e = _check.array("irradiance", irradiance)
+            try:
+                e = np.broadcast_to(e, (*points.shape, 3))
+            except ValueError:
+                rule = f"must broadcast to {(*points.shape, 3)}"
+                raise _check.fail("irradiance", rule, e.shape) from None
+            front = points.coverage & (np.sum(points.view * points.normal, axis=-1) > 0.0)
+            out += np.where(front[..., None], material.diffuse / math.pi * e, 0.0).astype(dtype)
+    return out

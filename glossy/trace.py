@@ -1,0 +1,257 @@
+"""Every sample of one pixel: what an engineer compares with a shader, line by line.
+
+The samples come from the same compiled function as the picture (``shading.k_tap``), so that the sum
+of the contributions is the pixel. Columns follow eq. (1) of ``shading``::
+
+    contribution = radiance * brdf * cos_i / (n * pdf_wi) = radiance * weight
+"""
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _check, methods
+from ._jit import Scalar, kernel
+from .brdf import Lobe, Material
+from .footprint import JACOBIAN, k_lobe_area
+from .frames import SurfacePoints
+from .pyramid import Pyramid
+from .sampler import k_trilinear_rgb
+from .shading import TABLES, k_frame, k_fresnel, k_tap, run_table
+
+FloatArray = npt.NDArray[np.floating]
+Vector = tuple[float, float, float]
+
+COLUMNS = 13
+
+
+@dataclasses.dataclass(frozen=True)
+class Tap:
+    """One sample of the pixel.
+
+    ``wh``, ``wi_local`` in the frame (t, b, n), ``wi`` in world coordinates; ``texels`` covered at
+    level 0 and the ``level`` asked for (before clamping to the chain); ``radiance`` looked up;
+    ``brdf`` [1/sr] with ks; ``pdf_wh``, ``pdf_wi`` [1/sr]; ``weight`` = brdf cos_i / (n pdf_wi);
+    ``contribution`` = radiance * weight. A sample that is not ``kept`` fell below the horizon.
+    """
+
+    lobe: int
+    index: int
+    kept: bool
+    wh: Vector
+    wi_local: Vector
+    wi: Vector
+    cos_i: float
+    texels: float
+    level: float
+    radiance: Vector
+    brdf: Vector
+    pdf_wh: float
+    pdf_wi: float
+    weight: Vector
+    contribution: Vector
+
+
+@dataclasses.dataclass(frozen=True)
+class Trace:
+    """All samples of one pixel, and the pixel.
+
+    ``radiance`` is the glossy radiance as ``shade`` returns it; ``tap_sum`` the sum of the
+    contributions. ``normal``, ``tangent``, ``bitangent``, ``view`` in world coordinates;
+    ``view_local`` in the frame.
+    """
+
+    method: str
+    options: dict[str, Any]
+    normal: Vector
+    tangent: Vector
+    bitangent: Vector
+    view: Vector
+    view_local: Vector
+    radiance: Vector
+    tap_sum: Vector
+    taps: tuple[Tap, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON; ``schema`` 1."""
+        return {"schema": 1, **dataclasses.asdict(self)}
+
+    def format_table(self) -> str:
+        """The samples as text, one line each, then the pixel."""
+        head = (
+            f"{'lobe':>4} {'k':>4} {'wh (t, b, n)':^26} {'wi (world)':^26} {'texels':>10} "
+            f"{'level':>7} {'pdf wi':>10} {'brdf':>10} {'L (rgb)':^32} {'weight':>10}"
+        )
+        lines = [f"method {self.method}  {self.options}", head]
+        for tap in self.taps:
+            start = f"{tap.lobe:4d} {tap.index:4d} {_text(tap.wh, 8, 5)} "
+            if not tap.kept:
+                lines.append(f"{start}{'below the horizon: adds nothing, counts in n':^40}")
+                continue
+            lines.append(
+                f"{start}{_text(tap.wi, 8, 5)} {tap.texels:10.4g} {tap.level:7.3f} "
+                f"{tap.pdf_wi:10.4g} {tap.brdf[1]:10.4g} {_text(tap.radiance, 10, 5, 'g')} "
+                f"{tap.weight[1]:10.4g}"
+            )
+        lines.append("brdf and weight: green channel")
+        lines.append(f"sum of taps {_text(self.tap_sum, 12, 7, 'g')}")
+        lines.append(f"pixel       {_text(self.radiance, 12, 7, 'g')}")
+        return "\n".join(lines)
+
+
+def _text(v: Vector, width: int, digits: int, form: str = "f") -> str:
+    return " ".join(f"{x:{width}.{digits}{form}}" for x in v)
+
+
+def _vector(v: npt.ArrayLike) -> Vector:
+    x, y, z = (float(c) for c in np.asarray(v).reshape(3))
+    return x, y, z
+
+
+@kernel
+def _trace(
+    normal: FloatArray,
+    tangent: FloatArray,
+    view: FloatArray,
+    taps: FloatArray,
+    lobe: FloatArray,
+    ks: FloatArray,
+    r0: FloatArray,
+    border: FloatArray,
+    footprint: Scalar,
+    bias: Scalar,
+    steps: Scalar,
+    pi: Scalar,
+    buffer: npt.NDArray[np.float32],
+    chain: npt.NDArray[np.int64],
+    stride: Scalar,
+    out: FloatArray,
+) -> None:
+    # kept, wi (3), texels, level, L (3), weight without F, ks F weight (3)
+    frame, wo = k_frame(normal, tangent, view)
+    area = np.float32(1.0) * pi
+    if footprint != JACOBIAN:
+        area = k_lobe_area(border[0], border[1], wo, pi)
+    for k in range(taps.shape[0]):
+        kept, x, y, z, texels, level, weight, schlick = k_tap(
+            taps[k], lobe, area, footprint, bias, wo, frame
+        )
+        if not kept or wo[2] <= np.float32(0.0):
+            continue
+        r, g, b = k_trilinear_rgb(x, y, z, level, buffer, chain, stride, steps)
+        out[k, 0] = np.float32(1.0)
+        out[k, 1], out[k, 2], out[k, 3] = x, y, z
+        out[k, 4], out[k, 5] = texels, level
+        out[k, 6], out[k, 7], out[k, 8] = r, g, b
+        out[k, 9] = weight
+        for c in range(3):
+            out[k, 10 + c] = ks[c] * k_fresnel(r0[c], schlick, lobe[4]) * weight
+
+
+def trace(
+    point: SurfacePoints,
+    material: Material | Lobe,
+    pyramid: Pyramid,
+    method: str = "regular",
+    precision: str = "single",
+    **options: Any,
+) -> Trace:
+    """Every sample that a method takes at one point.
+
+    Parameters
+    ----------
+    point : SurfacePoints
+        Exactly one point (any shape of size 1).
+    method : "regular" or "importance"
+    **options
+        As for ``shade``.
+
+    Raises
+    ------
+    ValueError
+        For more than one point, a method without samples to list, or a foreign option.
+    """
+    if math.prod(point.shape) != 1:
+        raise _check.fail("point", "must be a single point", point.shape)
+    methods.check_options(_check.choice("method", method, TABLES), options)
+    if isinstance(material, Lobe):
+        material = Material(reflection=[material])
+    dtype = _check.dtype_of(precision)
+    table = TABLES[method](material, pyramid, **options)
+    cast = table.cast(dtype)
+    n, t, v = (
+        _check.frozen(a.reshape(3).astype(dtype)) for a in (point.normal, point.tangent, point.view)
+    )
+    buffer, chain, stride = pyramid.kernel_arguments
+    wo = point.local_view.reshape(3)
+    rows: list[Tap] = []
+    for j, (lobe, side) in enumerate(material.sided_lobes()):
+        part = slice(int(table.first[j]), int(table.first[j + 1]))
+        out = np.zeros((part.stop - part.start, COLUMNS), dtype=dtype)
+        _trace(
+            n, t, v, cast.taps[part], cast.lobes[j], cast.ks[j], cast.r0[j], cast.borders[j],
+            cast.footprint, cast.bias, cast.steps, dtype(math.pi), buffer, chain, stride, out,
+        )  # fmt: skip
+        rows += [
+            _tap(j, k, lobe, side, table.taps[part][k], wo, out[k].astype(float), len(out))
+            for k in range(len(out))
+        ]
+    total = np.sum([tap.contribution for tap in rows], axis=0) if rows else np.zeros(3)
+    return Trace(
+        method=method,
+        options={"precision": precision, **{k: o for k, o in options.items() if k != "pattern"}},
+        normal=_vector(point.normal),
+        tangent=_vector(point.tangent),
+        bitangent=_vector(point.bitangent),
+        view=_vector(point.view),
+        view_local=_vector(wo),
+        radiance=_vector(run_table(point, table, pyramid, precision)),
+        tap_sum=_vector(total),
+        taps=tuple(rows),
+    )
+
+
+def _tap(
+    j: int,
+    k: int,
+    lobe: Lobe,
+    side: float,
+    tap: FloatArray,
+    wo: FloatArray,
+    row: FloatArray,
+    n: int,
+) -> Tap:
+    """One row of the trace, with the quantities that eq. (2) of ``shading`` cancels restored."""
+    h = tap[:3]
+    cos_h = float(wo @ h)
+    local = 2.0 * cos_h * h - wo
+    local = local * np.array([1.0, 1.0, side])
+    mx, my = lobe.widths
+    d = math.exp(-((h[0] / h[2] / mx) ** 2) - (h[1] / h[2] / my) ** 2)
+    d /= math.pi * mx * my * h[2] ** 4
+    pdf_wh = d / (n * tap[3])
+    kept = bool(row[0])
+    pdf_wi = pdf_wh / (4.0 * cos_h) if cos_h > 0.0 else 0.0
+    cos_i = abs(float(local[2])) if kept else 0.0
+    weight = row[10:13]
+    brdf = weight * n * pdf_wi / cos_i if kept and cos_i > 0.0 else np.zeros(3)
+    return Tap(
+        lobe=j,
+        index=k,
+        kept=kept,
+        wh=_vector(h),
+        wi_local=_vector(local),
+        wi=_vector(row[1:4]) if kept else _vector(np.zeros(3)),
+        cos_i=cos_i,
+        texels=float(row[4]),
+        level=float(row[5]),
+        radiance=_vector(row[6:9]),
+        brdf=_vector(brdf),
+        pdf_wh=pdf_wh,
+        pdf_wi=pdf_wi,
+        weight=_vector(weight),
+        contribution=_vector(row[6:9] * weight),
+    )
