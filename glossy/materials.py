@@ -32,7 +32,7 @@ class PublishedMaterial:
     """A published fit, and its albedo as printed and as its parameters give it.
 
     ``published``, ``recomputed``: (reflectivity, transmissivity), None where none is printed.
-    ``theta``: measured incident angles [deg]; the azimuths are 0 to 90 by 15.
+    ``theta``, ``phi``: measured incident angles [deg]; the isotropic foil has one azimuth.
     """
 
     name: str
@@ -42,11 +42,12 @@ class PublishedMaterial:
     published: tuple[float | None, float | None]
     recomputed: tuple[float | None, float | None]
     theta: tuple[float, ...]
+    phi: tuple[float, ...]
     note: str = ""
 
     def average_albedo(self) -> tuple[float, float]:
         """(reflectivity, transmissivity), the plain mean over the measured directions."""
-        theta, phi = np.meshgrid(np.radians(self.theta), np.radians(np.arange(0.0, 91.0, 15.0)))
+        theta, phi = np.meshgrid(np.radians(self.theta), np.radians(self.phi))
         up, down = self.material.albedo(spherical(theta, phi))
         return float(up.mean()), float(down.mean())
 
@@ -54,8 +55,8 @@ class PublishedMaterial:
 _ALANOD = "slightly anisotropic scattering aluminium, Alanod 2000 GS"
 _FOIL = "isotropic white foil, partly transmissive"
 _MIRO = "strongly anisotropic brushed aluminium, Alanod Miro 5"
-_METAL_THETA = (0.0, 5.0, 20.0, 35.0, 50.0, 65.0)
-_FOIL_THETA = (0.0, 5.0, 19.0, 33.0, 47.0, 61.0, 75.0)
+_METAL = ((0.0, 5.0, 20.0, 35.0, 50.0, 65.0), (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0))
+_WHITE = ((0.0, 5.0, 19.0, 33.0, 47.0, 61.0, 75.0), (0.0,))
 _MISPRINT = (
     "The printed transmissivity contradicts the printed parameters of the transmission lobe under "
     "every definition tried. mx, my and alpha of that row equal the second lobe's of Table 3.1 "
@@ -70,38 +71,38 @@ PUBLISHED = {
         PublishedMaterial(
             "alanod-2000gs",
             Material(0.003, [Lobe(0.11, 0.072, ks=0.9, r0=0.89, alpha=0.43)]),
-            "thesis Table 3.1, one lobe", _ALANOD, (0.787, None), (0.771, None), _METAL_THETA,
+            "thesis Table 3.1, one lobe", _ALANOD, (0.787, None), (0.771, None), *_METAL,
         ),
         PublishedMaterial(
             "alanod-2000gs-two-lobes",
             Material(0.003, [Lobe(0.11, 0.07, ks=0.9, r0=0.87, alpha=0.45),
                              Lobe(0.25, 0.17, ks=0.12, r0=0.89, alpha=0.6)]),
-            "thesis Table 3.1, two lobes", _ALANOD, (0.878, None), (0.871, None), _METAL_THETA,
+            "thesis Table 3.1, two lobes", _ALANOD, (0.878, None), (0.871, None), *_METAL,
         ),
         PublishedMaterial(
             "white-foil", Material(0.76, [_FOIL_UP], [_FOIL_DOWN]),
-            "thesis Table 3.2, both lobes", _FOIL, (0.807, 0.093), (0.807, 0.167), _FOIL_THETA,
+            "thesis Table 3.2, both lobes", _FOIL, (0.807, 0.093), (0.807, 0.167), *_WHITE,
             _MISPRINT,
         ),
         PublishedMaterial(
             "white-foil-reflection", Material(0.76, [_FOIL_UP]),
-            "thesis Table 3.2, reflection lobe", _FOIL, (0.807, None), (0.807, None), _FOIL_THETA,
+            "thesis Table 3.2, reflection lobe", _FOIL, (0.807, None), (0.807, None), *_WHITE,
         ),
         PublishedMaterial(
             "white-foil-transmission", Material(0.0, [], [_FOIL_DOWN]),
             "thesis Table 3.2, transmission lobe", _FOIL, (None, 0.093), (None, 0.167),
-            _FOIL_THETA, _MISPRINT,
+            *_WHITE, _MISPRINT,
         ),
         PublishedMaterial(
             "miro-5",
             Material(0.003, [Lobe(0.0068, 0.0297, ks=0.98, r0=0.84, alpha=0.49)]),
-            "thesis Table 3.3, one lobe", _MIRO, (0.815, None), (0.823, None), _METAL_THETA,
+            "thesis Table 3.3, one lobe", _MIRO, (0.815, None), (0.823, None), *_METAL,
         ),
         PublishedMaterial(
             "miro-5-two-lobes",
             Material(0.003, [Lobe(0.0046, 0.0267, ks=0.57, r0=0.94, alpha=0.5),
                              Lobe(0.013, 0.1199, ks=0.54, r0=0.84, alpha=0.38)]),
-            "thesis Table 3.3, two lobes", _MIRO, (0.944, None), (0.964, None), _METAL_THETA,
+            "thesis Table 3.3, two lobes", _MIRO, (0.944, None), (0.964, None), *_METAL,
         ),
     )
 }  # fmt: skip
@@ -218,7 +219,7 @@ def _lobe(value: object, where: str) -> Lobe:
     table = _table(value, where, LOBE_KEYS)
     if "mx" not in table:
         raise _check.fail(f"{where}: mx", "is required", dict(table))
-    parts = {key: _value(item, f"{where}: {key}") for key, item in table.items()}
+    parts: dict[str, Any] = {k: _value(item, f"{where}: {k}") for k, item in table.items()}
     try:
         return Lobe(**parts)
     except ValueError as error:
@@ -233,7 +234,7 @@ def _table(value: object, where: str, keys: Sequence[str]) -> Mapping[str, Any]:
     return value
 
 
-def _value(value: object, where: str) -> object:
+def _value(value: object, where: str) -> Any:
     """A number, or a list of numbers; strings and booleans are not numbers in a file."""
     items = value if isinstance(value, list) else [value]
     for item in items:

@@ -37,7 +37,6 @@ Float64Array = npt.NDArray[np.float64]
 
 M_MIN, M_MAX = 1e-5, 10.0  # as of Lobe, which would load the compiler
 SPACINGS = ("s1", "s2")
-FORMATS = ("json", "csv", "glsl", "hlsl", "wgsl")
 MAX_SAMPLES = 10_000_000
 R0 = math.sqrt(0.5)
 
@@ -156,7 +155,7 @@ class Pattern:
         return len(self.half_vectors)
 
     def export(self, form: str = "json", path: str | pathlib.Path | None = None) -> str:
-        """The pattern as text of a format in ``FORMATS``; written to ``path`` if given.
+        """The pattern as json, csv, glsl, hlsl or wgsl text; written to ``path`` if given.
 
         The shader forms declare a constant array of half vectors, their count and both density
         constants, each number in the shortest digits that give the same float32 again.
@@ -237,7 +236,7 @@ def _circles(mx: float, my: float, circles: int, spacing: str, threshold: float)
     cut = slope2 > level * narrow**2 * (1.0 - 1e-12)
     sine2 = (level / slope2[cut] - wide**-2.0) / (narrow**-2.0 - wide**-2.0) if wide > narrow else 1
     arc[cut] = np.arcsin(np.sqrt(np.clip(sine2, 0.0, 1.0)))
-    return _Circles(step, spacing == "s1", theta, count, arc)
+    return _Circles(step, spacing == "s1", np.asarray(theta, dtype=np.float64), count, arc)
 
 
 def _place(
@@ -265,7 +264,7 @@ def _place(
     value = np.exp(q)
     kept = value >= threshold
     sums = np.bincount(circle[kept], weights=value[kept], minlength=c.theta.size)
-    return circle[kept], phi[kept], sums
+    return circle[kept], phi[kept], sums.astype(np.float64, copy=False)
 
 
 def _half_vectors(c: _Circles, mx: float, my: float, threshold: float) -> Float64Array:
@@ -277,8 +276,9 @@ def _half_vectors(c: _Circles, mx: float, my: float, threshold: float) -> Float6
     phi = np.concatenate([p for _, phi, use in chosen for p in (phi[use], phi[use] + math.pi)])
     order = np.lexsort((phi, circle))
     theta, phi = c.theta[circle[order]], phi[order]
-    sine = np.sin(theta)
-    h = np.stack([sine * np.cos(phi), sine * np.sin(phi), np.cos(theta)], axis=-1)
+    around = np.stack([np.cos(phi), np.sin(phi)], axis=-1)
+    around[np.abs(around) < 1e-15] = 0.0  # samples on an axis lie on it
+    h = np.concatenate([np.sin(theta)[:, None] * around, np.cos(theta)[:, None]], axis=-1)
     return np.concatenate([[[0.0, 0.0, 1.0]], h]) if c.pole else h
 
 
