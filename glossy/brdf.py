@@ -24,12 +24,13 @@ quadrant-correct azimuth. Sampling in slopes is its eqs. 6-7 without the detour 
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import cast
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
-from . import _check
+from . import _check, mixture
 from ._jit import kernel, parallel_kernel
 
 FloatArray = npt.NDArray[np.floating]
@@ -37,14 +38,16 @@ Float64Array = npt.NDArray[np.float64]
 
 M_MIN, M_MAX = 1e-5, 10.0
 
-# float32 constants are exact in both precisions and do not promote float32 arithmetic
-ZERO, HALF, ONE, TWO, FOUR = (np.float32(v) for v in (0.0, 0.5, 1.0, 2.0, 4.0))
-Q_MIN = np.float32(-87.0)  # exp(q) below this is subnormal in float32: the lobe is over
+# float32 constants are exact in both precisions and do not promote float32 arithmetic; exp(Q_MIN)
+# is the last that is not subnormal in float32: beyond it the lobe is over
+ZERO, HALF, ONE, TWO, FOUR = (cast(float, np.float32(v)) for v in (0.0, 0.5, 1.0, 2.0, 4.0))
+Q_MIN = cast(float, np.float32(-87.0))
 
 
 @kernel
-def k_schlick(wix: float, wiy: float, wiz: float, wox: float, woy: float, woz: float,
-              u: float) -> float:
+def k_schlick(
+    wix: float, wiy: float, wiz: float, wox: float, woy: float, woz: float, u: float
+) -> float:
     """(1 - u)^5 with u = wo.h, from the difference of the directions."""
     dx, dy, dz = wix - wox, wiy - woy, wiz - woz
     x = (dx * dx + dy * dy + dz * dz) / (FOUR * (ONE + u))
@@ -53,8 +56,9 @@ def k_schlick(wix: float, wiy: float, wiz: float, wox: float, woy: float, woz: f
 
 
 @kernel
-def k_lobe(wix: float, wiy: float, wiz: float, wox: float, woy: float, woz: float,
-           lobe: FloatArray) -> tuple[float, float]:
+def k_lobe(
+    wix: float, wiy: float, wiz: float, wox: float, woy: float, woz: float, lobe: FloatArray
+) -> tuple[float, float]:
     """Eq. (1) without ks and F, and the Schlick weight; both directions above the surface.
 
     ``lobe``: 1/mx, 1/my, 1/(pi mx my), alpha, side.
@@ -75,9 +79,18 @@ def k_lobe(wix: float, wiy: float, wiz: float, wox: float, woy: float, woz: floa
 
 
 @kernel
-def k_bsdf(wix: float, wiy: float, wiz: float, wox: float, woy: float, woz: float,
-           lobes: FloatArray, ks: FloatArray, r0: FloatArray, kd: FloatArray,
-           ) -> tuple[float, float, float]:
+def k_bsdf(
+    wix: float,
+    wiy: float,
+    wiz: float,
+    wox: float,
+    woy: float,
+    woz: float,
+    lobes: FloatArray,
+    ks: FloatArray,
+    r0: FloatArray,
+    kd: FloatArray,
+) -> tuple[float, float, float]:
     """The whole BSDF, RGB. Arrays as in ``PackedMaterial``."""
     f0 = f1 = f2 = ZERO * wix
     if not woz > ZERO or wiz == ZERO:
@@ -101,28 +114,38 @@ def k_bsdf(wix: float, wiy: float, wiz: float, wox: float, woy: float, woz: floa
 
 
 @kernel
-def k_pdf(wix: float, wiy: float, wiz: float, wox: float, woy: float, woz: float,
-          lobe: FloatArray) -> float:
+def k_pdf(
+    wix: float, wiy: float, wiz: float, wox: float, woy: float, woz: float, lobe: FloatArray
+) -> float:
     """Eq. (4), the density of wi per solid angle; it integrates to 1 over the whole sphere."""
     z = wiz * lobe[4]
     hx, hy, hz = wix + wox, wiy + woy, z + woz
     length2 = hx * hx + hy * hy + hz * hz
     if hz == ZERO or length2 == ZERO:
-        return ZERO * hz
+        return ZERO * wix
     sx, sy = hx / hz * lobe[0], hy / hz * lobe[1]
     q = -(sx * sx + sy * sy)
     if not q > Q_MIN:
-        return ZERO * hz
+        return ZERO * wix
     tilt = length2 / (hz * hz)
-    return math.exp(q) * lobe[2] * tilt * math.sqrt(tilt) / (TWO * math.sqrt(length2))
+    value: float = math.exp(q) * lobe[2] * tilt * math.sqrt(tilt) / (TWO * math.sqrt(length2))
+    return value
 
 
 @parallel_kernel
-def _eval(wi: FloatArray, wo: FloatArray, lobes: FloatArray, ks: FloatArray, r0: FloatArray,
-          kd: FloatArray, out: FloatArray) -> None:
+def _eval(
+    wi: FloatArray,
+    wo: FloatArray,
+    lobes: FloatArray,
+    ks: FloatArray,
+    r0: FloatArray,
+    kd: FloatArray,
+    out: FloatArray,
+) -> None:
     for k in numba.prange(wi.shape[0]):
         i, o = wi[k], wo[k]
-        out[k, 0], out[k, 1], out[k, 2] = k_bsdf(i[0], i[1], i[2], o[0], o[1], o[2], lobes, ks, r0, kd)
+        f = k_bsdf(i[0], i[1], i[2], o[0], o[1], o[2], lobes, ks, r0, kd)
+        out[k, 0], out[k, 1], out[k, 2] = f
 
 
 @parallel_kernel
@@ -145,11 +168,32 @@ def _sample(xi: Float64Array, wo: Float64Array, mx: float, my: float, out: Float
         out[k, 2] = d - wo[k, 2]
 
 
-def _pair(wi: npt.ArrayLike, wo: npt.ArrayLike, dtype: type = np.float64) -> tuple[FloatArray, FloatArray]:
-    """Unit directions (..., 3) broadcast against each other, C order."""
-    a, b = np.broadcast_arrays(_check.unit_vectors("wi", wi), _check.unit_vectors("wo", wo))
-    a, b = (np.ascontiguousarray(v, dtype=dtype) for v in (a, b))
-    return _check.frozen(a), _check.frozen(b)
+def _pair(wi: npt.ArrayLike, wo: npt.ArrayLike) -> tuple[Float64Array, Float64Array]:
+    """Unit directions (..., 3) broadcast against each other."""
+    i, o = _check.unit_vectors("wi", wi), _check.unit_vectors("wo", wo)
+    shape = _broadcast("wi, wo", i.shape, o.shape)
+    return np.broadcast_to(i, shape), np.broadcast_to(o, shape)
+
+
+def _uniforms(xi: npt.ArrayLike, wo: npt.ArrayLike) -> tuple[Float64Array, Float64Array]:
+    """``xi`` (..., 2) in (0, 1] x [0, 1] and unit ``wo`` (..., 3), broadcast."""
+    x = np.asarray(_check.array("xi", xi), dtype=np.float64)
+    if x.ndim == 0 or x.shape[-1] != 2:
+        raise _check.fail("xi", "must have shape (..., 2)", x.shape)
+    good = (x >= 0.0) & (x <= 1.0)  # false for NaN
+    good[..., 0] &= x[..., 0] > 0.0
+    if not good.all():
+        raise _check.fail("xi", "must be in (0, 1] x [0, 1]", float(x[~good][0]))
+    o = _check.unit_vectors("wo", wo)
+    shape = _broadcast("xi, wo", x.shape[:-1], o.shape[:-1])
+    return np.broadcast_to(x, (*shape, 2)), np.broadcast_to(o, (*shape, 3))
+
+
+def _broadcast(names: str, *shapes: tuple[int, ...]) -> tuple[int, ...]:
+    try:
+        return np.broadcast_shapes(*shapes)
+    except ValueError:
+        raise _check.fail(names, "must broadcast", shapes) from None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -183,7 +227,8 @@ class Lobe:
     def __post_init__(self) -> None:
         mx = _check.in_range("mx", self.mx, M_MIN, M_MAX)
         my = mx if self.my is None else _check.in_range("my", self.my, M_MIN, M_MAX)
-        values = {"mx": mx, "my": my, "alpha": _check.in_range("alpha", self.alpha, 0.0, 1.0)}
+        alpha = _check.in_range("alpha", self.alpha, 0.0, 1.0)
+        values: dict[str, float | tuple[float, ...]] = {"mx": mx, "my": my, "alpha": alpha}
         for name, high in (("ks", math.inf), ("r0", 1.0)):
             value = getattr(self, name)
             channels = _check.rgb(name, value, 0.0, high)
@@ -218,18 +263,11 @@ class Lobe:
         -------
         (..., 3) float64; directions below the horizon carry no radiance but count as samples.
         """
-        x = np.asarray(_check.array("xi", xi), dtype=np.float64)
-        if x.ndim == 0 or x.shape[-1] != 2:
-            raise _check.fail("xi", "must have shape (..., 2)", x.shape)
-        if not (np.all(x[..., 0] > 0.0) and np.all(x >= 0.0) and np.all(x <= 1.0)):
-            raise _check.fail("xi", "must be in (0, 1] and [0, 1]", f"from {x.min():g} to {x.max():g}")
-        o = _check.unit_vectors("wo", wo)
-        shape = np.broadcast_shapes(x.shape[:-1], o.shape[:-1])
-        x = _check.frozen(np.broadcast_to(x, (*shape, 2)))
-        o = _check.frozen(np.broadcast_to(o, (*shape, 3)))
-        out = np.empty((*shape, 3))
+        x, o = _uniforms(xi, wo)
+        out = np.empty(o.shape)
         mx, my = self.widths
-        _sample(x.reshape(-1, 2), o.reshape(-1, 3), mx, my, out.reshape(-1, 3))
+        flat = _check.frozen(x.reshape(-1, 2)), _check.frozen(o.reshape(-1, 3))
+        _sample(*flat, mx, my, out.reshape(-1, 3))
         return out
 
     def pdf(self, wi: npt.ArrayLike, wo: npt.ArrayLike) -> Float64Array:
@@ -239,10 +277,11 @@ class Lobe:
         """
         i, o = _pair(wi, wo)
         out = np.empty(i.shape[:-1])
-        _pdf(i.reshape(-1, 3), o.reshape(-1, 3), self.pack(), out.reshape(-1))
+        flat = _check.frozen(i.reshape(-1, 3)), _check.frozen(o.reshape(-1, 3))
+        _pdf(*flat, self.pack(), out.reshape(-1))
         return out
 
-    def eval(self, wi: npt.ArrayLike, wo: npt.ArrayLike) -> Float64Array:
+    def eval(self, wi: npt.ArrayLike, wo: npt.ArrayLike) -> FloatArray:
         """BRDF [1/sr] of this lobe alone, as ``Material.eval``."""
         return Material(reflection=[self]).eval(wi, wo)
 
@@ -333,63 +372,23 @@ class Material:
             If a direction is not finite or not unit within 1e-3.
         """
         dtype = _check.dtype_of(precision)
-        i, o = _pair(wi, wo, dtype)
+        i, o = _pair(wi, wo)
         out = np.empty(i.shape, dtype=dtype)
         p = self.pack(dtype)
-        _eval(i.reshape(-1, 3), o.reshape(-1, 3), p.lobes, p.ks, p.r0, p.kd, out.reshape(-1, 3))
+        a, b = (_check.frozen(v.astype(dtype).reshape(-1, 3)) for v in (i, o))
+        _eval(a, b, p.lobes, p.ks, p.r0, p.kd, out.reshape(-1, 3))
         return out[..., 0].copy() if self.is_scalar else out
-
-    def _mixture(self) -> list[tuple[float, Lobe | None, float]]:
-        """(share, lobe, side) of the sampled mixture; None is the diffuse part."""
-        parts: list[tuple[float, Lobe | None, float]]
-        parts = [(float(np.mean(lobe.ks)), lobe, side) for lobe, side in self.sided_lobes()]
-        if self.diffuse.any():
-            parts.append((float(self.diffuse.mean()), None, 1.0))
-        if not parts:
-            parts = [(1.0, None, 1.0)]
-        total = sum(p[0] for p in parts)
-        return [(share / total, lobe, side) for share, lobe, side in parts]
 
     def sample(self, xi: npt.ArrayLike, wo: npt.ArrayLike) -> Float64Array:
         """Directions wi (..., 3) of density ``pdf``: a mixture of the lobes and a cosine.
 
-        ``xi`` (..., 2) is uniform, the first number in (0, 1]; it also picks the part.
+        ``xi`` and ``wo`` as for ``Lobe.sample``; the first number of ``xi`` also picks the part.
         """
-        x = np.array(_check.array("xi", xi), dtype=np.float64)
-        o = _check.unit_vectors("wo", wo)
-        shape = np.broadcast_shapes(x.shape[:-1], o.shape[:-1])
-        x = np.broadcast_to(x, (*shape, 2)).copy()
-        o = np.broadcast_to(o, (*shape, 3))
-        out = np.empty((*shape, 3))
-        parts = self._mixture()
-        edges = np.concatenate([[0.0], np.cumsum([p[0] for p in parts])])
-        edges[-1] = 1.0
-        part = np.clip(np.searchsorted(edges, x[..., 0], side="left") - 1, 0, len(parts) - 1)
-        for k, (share, lobe, side) in enumerate(parts):
-            here = part == k
-            if not here.any():
-                continue
-            u = x[here]
-            u[:, 0] = np.clip((u[:, 0] - edges[k]) / share, np.finfo(float).tiny, 1.0)
-            if lobe is None:
-                r, phi = np.sqrt(1.0 - u[:, 0]), 2.0 * math.pi * u[:, 1]
-                out[here] = np.stack([r * np.cos(phi), r * np.sin(phi), np.sqrt(u[:, 0])], axis=-1)
-            else:
-                out[here] = lobe.sample(u, o[here]) * np.array([1.0, 1.0, side])
-        return out
+        return mixture.sample(self, *_uniforms(xi, wo))
 
     def pdf(self, wi: npt.ArrayLike, wo: npt.ArrayLike) -> Float64Array:
         """Density [1/sr] of ``sample``, shape (...)."""
-        i, o = _pair(wi, wo)
-        total = np.zeros(i.shape[:-1])
-        part = np.empty(i.shape[:-1])
-        for share, lobe, side in self._mixture():
-            if lobe is None:
-                total += share * np.maximum(i[..., 2], 0.0) / math.pi
-            else:
-                _pdf(i.reshape(-1, 3), o.reshape(-1, 3), lobe.pack(side), part.reshape(-1))
-                total += share * part
-        return total
+        return mixture.pdf(self, *_pair(wi, wo))
 
     def albedo(self, wo: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Reflectivity and transmissivity: the integral of f |cos| over either hemisphere.
