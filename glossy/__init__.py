@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .materials import material, material_names
     from .pattern import Pattern, importance_pattern, pattern_for_budget, regular_pattern
     from .pyramid import Pyramid, build_pyramid
+    from .reference import Truth, reference
     from .shading import shade
     from .trace import trace
 
@@ -28,11 +29,13 @@ _WHERE = {
     "Pattern": "pattern",
     "Pyramid": "pyramid",
     "SurfacePoints": "frames",
+    "Truth": "reference",
     "build_pyramid": "pyramid",
     "importance_pattern": "pattern",
     "material": "materials",
     "material_names": "materials",
     "pattern_for_budget": "pattern",
+    "reference": "reference",
     "regular_pattern": "pattern",
     "shade": "shading",
     "trace": "trace",
@@ -45,12 +48,14 @@ __all__ = [
     "Pattern",
     "Pyramid",
     "SurfacePoints",
+    "Truth",
     "__version__",
     "build_pyramid",
     "importance_pattern",
     "material",
     "material_names",
     "pattern_for_budget",
+    "reference",
     "regular_pattern",
     "shade",
     "trace",
