@@ -165,7 +165,8 @@ class Pyramid:
         over = 0
         for level, a in zip(self._padded, arrays, strict=True):
             _store_base(_check.frozen(a), level)
-            over += _round_to_half(level) if storage == "rgba16f" else 0
+            if storage == "rgba16f":
+                over += _round_to_half(level[:, PAD:-PAD, PAD:-PAD])
             k_fill_seams(level, fold_table())
         self._warn_clamped(over)
 
@@ -312,7 +313,8 @@ def build_pyramid(cube: CubeMap, filter: str = "gauss6", storage: str = "rgba32f
             _store_base(_check.frozen(cube.faces), level)
         else:
             _REDUCE[filter](padded[i - 1], level)
-        over += _round_to_half(level[:, PAD:-PAD, PAD:-PAD]) if storage == "rgba16f" else 0
+        if storage == "rgba16f":
+            over += _round_to_half(level[:, PAD:-PAD, PAD:-PAD])
         k_fill_seams(level, table)
     pyramid._warn_clamped(over)
     return pyramid
