@@ -1,0 +1,150 @@
+"""``glossy pattern``: a sample pattern as a table for a shader, or as a picture."""
+
+import argparse
+import pathlib
+import sys
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ..pattern import Pattern
+
+FORMATS = ("json", "csv", "glsl", "hlsl", "wgsl")
+
+EXAMPLE = """\
+examples:
+  glossy pattern --mx 0.2 --my 0.075 --samples 17 --threshold 0.2 --format glsl
+  glossy pattern --mx 0.15 --circles 3 --spacing s1 -o pattern.json --plot pattern.png
+  glossy pattern --mx 0.15 --method importance --samples 40 -o pattern.hlsl
+"""
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the command to the ``glossy`` parser."""
+    parser = subparsers.add_parser(
+        "pattern",
+        help="make a sample pattern for a shader",
+        description="Half vectors of a lobe in the frame (tangent, bitangent, normal), with the "
+        "density constants of the estimators, as text or as a picture in slope space.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--mx", type=float, required=True, help="roughness along the tangent")
+    parser.add_argument("--my", type=float, help="roughness along the bitangent (default mx)")
+    parser.add_argument("--method", choices=("regular", "importance"), default="regular")
+    parser.add_argument(
+        "--samples",
+        type=int,
+        metavar="N",
+        help="regular: the nearest count there is (default 20); importance: exact (default 40)",
+    )
+    parser.add_argument("--circles", type=int, metavar="N", help="regular: instead of --samples")
+    parser.add_argument(
+        "--spacing", choices=("s1", "s2"), help="with --circles: pole or ring of four (default s2)"
+    )
+    parser.add_argument(
+        "--threshold", type=float, metavar="X", help="regular: where the lobe ends (default 0.1)"
+    )
+    parser.add_argument(
+        "--format", choices=FORMATS, help="default: the suffix of the output file, else json"
+    )
+    parser.add_argument("-o", "--output", metavar="FILE", help="default: standard output")
+    parser.add_argument("--plot", metavar="FILE", help="picture, .png, .pdf or .svg")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print or write the pattern; a file is reported in one line."""
+    pattern = _make(args)
+    form = args.format
+    if form is None:
+        suffix = pathlib.Path(args.output or "").suffix[1:].lower()
+        form = suffix if suffix in FORMATS else "json"
+    text = pattern.export(form, args.output)
+    if args.plot is not None:
+        plot(pattern, args.plot)
+    if args.output is None:
+        sys.stdout.write(text)
+    else:
+        print(f"{args.output}: {len(pattern)} half vectors, {form}")
+    return 0
+
+
+def _make(args: argparse.Namespace) -> "Pattern":
+    from ..pattern import importance_pattern, pattern_for_budget, regular_pattern
+
+    lobe = (args.mx, args.mx if args.my is None else args.my)
+    options: dict[str, Any] = {
+        name: getattr(args, name)
+        for name in ("samples", "circles", "spacing", "threshold")
+        if getattr(args, name) is not None
+    }
+    if args.method == "importance":
+        foreign = [name for name in options if name != "samples"]
+        if foreign:
+            raise ValueError(f"--{foreign[0]}: has no meaning with --method importance")
+        return importance_pattern(lobe, **options)
+    if "circles" in options:
+        if "samples" in options:
+            raise ValueError("--samples: give it or --circles, not both")
+        return regular_pattern(lobe, **options)
+    if "spacing" in options:
+        raise ValueError("--spacing: needs --circles; a budget tries both spacings")
+    return pattern_for_budget(lobe, **options)
+
+
+def plot(pattern: "Pattern", path: str | pathlib.Path) -> None:
+    """Draw a pattern that knows its lobe in slope space (hx/hz, hy/hz).
+
+    Ellipses are contours of exp(q); each sample's cell is drawn as a round cap of its solid
+    angle, which slope space stretches by 1/cos^2 along the radius and by 1/cos across it.
+    """
+    import matplotlib as mpl
+    import numpy as np
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.collections import EllipseCollection
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Ellipse
+
+    from ..image_write import replacing
+
+    assert pattern.widths is not None
+    mx, my = pattern.widths
+    h = pattern.half_vectors
+    slopes, cosine = h[:, :2] / h[:, 2:], h[:, 2]
+    figure = Figure(figsize=(6.4, 6.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+
+    reach = np.abs(slopes).max(axis=0)
+    if pattern.cell is not None:
+        radius = np.sqrt(np.broadcast_to(pattern.cell, len(h)) / np.pi)
+        along, across = 2.0 * radius / cosine**2, 2.0 * radius / cosine
+        angle = np.degrees(np.arctan2(slopes[:, 1], slopes[:, 0]))
+        cells = EllipseCollection(
+            along, across, angle, units="xy", offsets=slopes, transOffset=axes.transData,
+            facecolors="#4c72b033", edgecolors="#4c72b0", linewidths=0.6,
+        )  # fmt: skip
+        axes.add_collection(cells)
+        reach = np.maximum(reach, (np.abs(slopes) + 0.5 * along[:, None]).max(axis=0))
+    levels = [0.5, 0.1, 0.01] if pattern.threshold is None else [0.5, pattern.threshold]
+    colours = mpl.colormaps["autumn"](np.linspace(0.0, 0.6, len(levels)))
+    for level, colour in zip(levels, colours, strict=True):
+        size = np.sqrt(-np.log(level)) * np.array([mx, my])
+        reach = np.maximum(reach, size)
+        border = Ellipse(
+            (0.0, 0.0), *(2.0 * size), fill=False, edgecolor=colour, linewidth=1.4,
+            label=f"exp(q) = {level:g}",
+        )  # fmt: skip
+        axes.add_patch(border)
+    axes.plot(*slopes.T, "k.", markersize=4 if len(h) <= 100 else 2, label=f"{len(h)} half vectors")
+    axes.set(
+        xlim=(-1.05 * reach[0], 1.05 * reach[0]),
+        ylim=(-1.05 * reach[1], 1.05 * reach[1]),
+        aspect="equal" if 0.1 < reach[0] / reach[1] < 10.0 else "auto",
+        xlabel="slope along the tangent, hx / hz",
+        ylabel="slope along the bitangent, hy / hz",
+        title=f"{pattern.method} pattern, mx = {mx:g}, my = {my:g}",
+    )
+    figure.legend(loc="outside lower center", ncols=4, frameon=False)
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=150, bbox_inches="tight")
