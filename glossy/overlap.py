@@ -1,0 +1,465 @@
+"""Exact resampling of a lat-long picture onto cube faces, by line integrals.
+
+With azimuth phi and y = cos(theta) the solid angle is d omega = d phi dy. Let f be the radiance of
+the picture and G its integral from the pole down to y. The power that falls on a cube texel is then
+a line integral around the texel's border (Green's theorem)::
+
+    power = integral f d omega = closed integral of G(phi, y) d phi,   G = integral_y^1 f dy     (1)
+
+Neighbouring texels share their border with opposite signs, so no power is lost or counted twice
+whatever the accuracy along one edge. A texel's edge is an arc of a great circle. With the circle's
+constants kx, kz, azimuth phi = atan2(x, -z), and ::
+
+    tan(lat) = T(phi) = kx sin(phi) + kz cos(phi),   y = T / sqrt(1 + T^2)                      (2)
+    integral y d phi = atan(S / sqrt(1 + T^2)),      S = kz sin(phi) - kx cos(phi)              (3)
+
+``TEXELS``: f is constant on each texel of the picture; G is linear in y and (3) is exact; where an
+edge crosses from row to row inside one column, y is taken as linear between the ends of the piece.
+``CENTRES``, ``POLES``: f is bilinear, the edge is integrated by two Gauss points a piece. The rows
+of ``CENTRES`` are half a texel from the poles, and f is linear in y between the nodes ::
+
+    y_i = cos((i + 1/2) pi/H) / cos(pi/2H)                                                      (4)
+
+for which half the distance between a node's two neighbours is exactly the texel's own extent in y,
+so that each source texel gives the power radiance x solid angle, at the poles too (the first node
+is the pole). The rows of ``POLES`` lie at theta_i = i pi/(H-1) and f is linear in theta.
+"""
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from . import _check
+from ._jit import kernel, parallel_kernel
+
+TEXELS, CENTRES, POLES = 0, 1, 2
+STRIP = 32  # rows of a face that one task resamples: its edges stay in the cache
+COLUMNS = 64  # columns of the picture that one task sums
+STEP = 1.0 / 64.0  # longest piece of an edge [rad]
+GAUSS = 0.5 / math.sqrt(3.0)  # the two-point rule: this far from the middle, of the length
+
+Float32Array = npt.NDArray[np.float32]
+Float64Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+def row_nodes(rule: int, height: int) -> Float64Array:
+    """The y = cos(theta) between which f has one formula: texel edges, or nodes of eq. (4)."""
+    if rule == TEXELS:
+        y = np.cos(np.arange(height + 1) * (np.pi / height))
+    elif rule == CENTRES:
+        y = np.cos((np.arange(height) + 0.5) * (np.pi / height)) / np.cos(0.5 * np.pi / height)
+    else:
+        y = np.cos(np.arange(height) * (np.pi / (height - 1)))
+    y[0], y[-1] = 1.0, -1.0
+    return y
+
+
+@kernel
+def _partial(rule: int, y: float, y0: float, y1: float, step: float) -> float:
+    # integral from y to y0 of the weight that grows from 0 at y0 to 1 at y1
+    if rule != POLES:
+        return 0.5 * (y0 - y) ** 2 / (y0 - y1)
+    t, t0 = math.acos(y), math.acos(y0)
+    return (math.sin(t) - math.sin(t0) - (t - t0) * y) / step
+
+
+@parallel_kernel
+def _cumulate(
+    rule: int, pixels: Float32Array, y: Float64Array, south: bool, out: Float64Array
+) -> None:
+    # G at the nodes y, (len(y), W, 3): from the north pole down, or minus the part below it
+    height, width = pixels.shape[0], pixels.shape[1]
+    last = y.size - 1
+    for task in numba.prange((width + COLUMNS - 1) // COLUMNS):
+        low, high = task * COLUMNS, min(width, (task + 1) * COLUMNS)
+        first = last if south else 0
+        for k in range(low, high):
+            for c in range(3):
+                out[first, k, c] = 0.0
+        for i in range(last):
+            r = last - 1 - i if south else i
+            extent = y[r] - y[r + 1]
+            second = 0.0
+            if rule != TEXELS:
+                second = _partial(rule, y[r + 1], y[r], y[r + 1], math.pi / (height - 1.0))
+            for k in range(low, high):
+                for c in range(3):
+                    part = pixels[r, k, c] * extent
+                    if rule != TEXELS:
+                        part += (pixels[r + 1, k, c] - np.float64(pixels[r, k, c])) * second
+                    if south:
+                        out[r, k, c] = out[r + 1, k, c] - part
+                    else:
+                        out[r + 1, k, c] = out[r, k, c] + part
+
+
+@kernel
+def _texel_piece(
+    pixels: Float32Array,
+    cumulated: Float64Array,
+    nodes: Float64Array,
+    k: int,
+    r: int,
+    ya: float,
+    yb: float,
+    h: float,
+    integral_y: float,
+) -> tuple[int, float, float, float]:
+    # integral of G d phi over a piece inside column k that starts in row r -> row of its end, RGB
+    below = nodes[r] * h - integral_y
+    red = cumulated[r, k, 0] * h + pixels[r, k, 0] * below
+    green = cumulated[r, k, 1] * h + pixels[r, k, 1] * below
+    blue = cumulated[r, k, 2] * h + pixels[r, k, 2] * below
+    last = pixels.shape[0] - 1
+    while r < last and yb < nodes[r + 1]:
+        e = nodes[r + 1] - yb
+        kink = 0.5 * e * e * h / (ya - yb)
+        red += (np.float64(pixels[r + 1, k, 0]) - pixels[r, k, 0]) * kink
+        green += (np.float64(pixels[r + 1, k, 1]) - pixels[r, k, 1]) * kink
+        blue += (np.float64(pixels[r + 1, k, 2]) - pixels[r, k, 2]) * kink
+        r += 1
+    while r > 0 and yb > nodes[r]:
+        e = yb - nodes[r]
+        kink = 0.5 * e * e * h / (yb - ya)
+        red += (np.float64(pixels[r, k, 0]) - pixels[r - 1, k, 0]) * kink
+        green += (np.float64(pixels[r, k, 1]) - pixels[r - 1, k, 1]) * kink
+        blue += (np.float64(pixels[r, k, 2]) - pixels[r - 1, k, 2]) * kink
+        r -= 1
+    return r, red, green, blue
+
+
+@kernel
+def _bilinear_point(
+    rule: int,
+    pixels: Float32Array,
+    cumulated: Float64Array,
+    nodes: Float64Array,
+    k: int,
+    t: float,
+    fraction: float,
+) -> tuple[float, float, float]:
+    # G at tan(lat) = t, the fraction of the way from column k's centre to the next -> RGB
+    height, width = pixels.shape[0], pixels.shape[1]
+    y = t / math.sqrt(1.0 + t * t)
+    theta = math.atan2(1.0, t)
+    step = math.pi / (height - 1.0) if rule == POLES else math.pi / height
+    r = int(theta / step - (0.0 if rule == POLES else 0.5))
+    r = min(max(r, 0), height - 2)
+    while r < height - 2 and y < nodes[r + 1]:
+        r += 1
+    while r > 0 and y > nodes[r]:
+        r -= 1
+    second = _partial(rule, y, nodes[r], nodes[r + 1], step)
+    first = nodes[r] - y - second
+    n = k + 1 if k + 1 < width else 0
+    w00, w01 = (1.0 - fraction) * first, fraction * first
+    w10, w11 = (1.0 - fraction) * second, fraction * second
+    return (
+        (1.0 - fraction) * cumulated[r, k, 0]
+        + fraction * cumulated[r, n, 0]
+        + w00 * pixels[r, k, 0]
+        + w01 * pixels[r, n, 0]
+        + w10 * pixels[r + 1, k, 0]
+        + w11 * pixels[r + 1, n, 0],
+        (1.0 - fraction) * cumulated[r, k, 1]
+        + fraction * cumulated[r, n, 1]
+        + w00 * pixels[r, k, 1]
+        + w01 * pixels[r, n, 1]
+        + w10 * pixels[r + 1, k, 1]
+        + w11 * pixels[r + 1, n, 1],
+        (1.0 - fraction) * cumulated[r, k, 2]
+        + fraction * cumulated[r, n, 2]
+        + w00 * pixels[r, k, 2]
+        + w01 * pixels[r, n, 2]
+        + w10 * pixels[r + 1, k, 2]
+        + w11 * pixels[r + 1, n, 2],
+    )
+
+
+@kernel
+def _first_row(y: float, nodes: Float64Array) -> int:
+    # the row of texels that holds y
+    last = nodes.size - 2
+    r = min(max(int(math.acos(y) * (last + 1) / math.pi), 0), last)
+    while r < last and y < nodes[r + 1]:
+        r += 1
+    while r > 0 and y > nodes[r]:
+        r -= 1
+    return r
+
+
+@kernel
+def _circle(
+    base: tuple[float, float, float], step: tuple[float, float, float]
+) -> tuple[int, float, float]:
+    # sense of phi along the line base + w step (0: a meridian, d phi = 0), kx, kz of eq. (2)
+    ny = base[2] * step[0] - base[0] * step[2]
+    if abs(ny) < 1e-14:
+        return 0, 0.0, 0.0
+    kx = -(base[1] * step[2] - base[2] * step[1]) / ny
+    kz = (base[0] * step[1] - base[1] * step[0]) / ny
+    return (1 if ny < 0.0 else -1), kx, kz
+
+
+@kernel
+def _azimuth(
+    base: tuple[float, float, float], step: tuple[float, float, float], j: int, size: int
+) -> tuple[float, float]:
+    # sin and cos of the azimuth of grid point j on the line
+    w = (2.0 * j - size) / size
+    x, z = base[0] + w * step[0], -(base[2] + w * step[2])
+    scale = 1.0 / math.sqrt(x * x + z * z)
+    return x * scale, z * scale
+
+
+@kernel
+def _angle(sine: float) -> float:
+    # asin of at most STEP, to 1e-16
+    square = sine * sine
+    return sine + sine * square * (1.0 / 6.0 + square * (3.0 / 40.0 + square * (15.0 / 336.0)))
+
+
+@kernel
+def _walk_texels(
+    pixels: Float32Array,
+    cumulated: Float64Array,
+    nodes: Float64Array,
+    columns: Float64Array,
+    base: tuple[float, float, float],
+    step: tuple[float, float, float],
+    size: int,
+    first: int,
+    out: Float64Array,
+) -> None:
+    # integral of G d phi over each of len(out) edges of the line base + w step, w = 2j/size - 1,
+    # from j = first on; columns (W, 2): sin and cos of the azimuths where columns begin
+    sense, kx, kz = _circle(base, step)
+    if sense == 0:
+        out[:, :] = 0.0
+        return
+    width = pixels.shape[1]
+    curved = math.sqrt(kx * kx + kz * kz)
+    sa, ca = _azimuth(base, step, first, size)
+    t, derivative = kx * sa + kz * ca, kx * ca - kz * sa
+    qa = 1.0 / math.sqrt(1.0 + t * t)
+    ya, slope_a = t * qa, derivative * qa * qa * qa
+    row = _first_row(ya, nodes)
+    p = math.atan2(sa, ca) * (width / (2.0 * math.pi))
+    column = (math.floor(p) if sense > 0 else math.ceil(p) - 1) % width
+    border = column if sense < 0 else (column + 1 if column + 1 < width else 0)
+
+    for j in range(out.shape[0]):
+        sv, cv = _azimuth(base, step, first + j + 1, size)
+        red, green, blue = 0.0, 0.0, 0.0
+        ends_here = False
+        while not ends_here:
+            sb, cb = columns[border, 0], columns[border, 1]
+            ends_here = (sv * cb - cv * sb) * sense <= 0.0 and sv * sb + cv * cb > 0.0
+            if ends_here:
+                sb, cb = sv, cv
+            h = _angle(sb * ca - cb * sa)
+            t, derivative = kx * sb + kz * cb, kx * cb - kz * sb
+            qb = 1.0 / math.sqrt(1.0 + t * t)
+            yb, slope_b = t * qb, derivative * qb * qb * qb
+            if abs(h) * curved < 0.0625 * (1.0 + abs(t)):  # eq. (3) to h^5: trapezoid and slopes
+                integral = h * (0.5 * (ya + yb) + h * (slope_a - slope_b) * (1.0 / 12.0))
+            else:
+                start = math.atan((kz * sa - kx * ca) * qa)
+                integral = math.atan((kz * sb - kx * cb) * qb) - start
+            row, r, g, b = _texel_piece(pixels, cumulated, nodes, column, row, ya, yb, h, integral)
+            red, green, blue = red + r, green + g, blue + b
+            sa, ca, qa, ya, slope_a = sb, cb, qb, yb, slope_b
+            if not ends_here:
+                column += sense
+                if column == width:
+                    column = 0
+                elif column < 0:
+                    column = width - 1
+                border = column if sense < 0 else (column + 1 if column + 1 < width else 0)
+        out[j, 0], out[j, 1], out[j, 2] = red, green, blue
+
+
+@kernel
+def _walk_bilinear(
+    rule: int,
+    pixels: Float32Array,
+    cumulated: Float64Array,
+    nodes: Float64Array,
+    columns: Float64Array,
+    base: tuple[float, float, float],
+    step: tuple[float, float, float],
+    size: int,
+    first: int,
+    out: Float64Array,
+) -> None:
+    # as _walk_texels, for a picture that is bilinear; columns (W, 2): sin and cos of the centres
+    sense, kx, kz = _circle(base, step)
+    if sense == 0:
+        out[:, :] = 0.0
+        return
+    width = pixels.shape[1]
+    per_radian = width / (2.0 * math.pi)
+    curved = math.sqrt(kx * kx + kz * kz)
+    sa, ca = _azimuth(base, step, first, size)
+    p = (math.atan2(sa, ca) - math.atan2(columns[0, 0], columns[0, 1])) * per_radian
+    cell = math.floor(p) if sense > 0 else math.ceil(p) - 1
+    fraction = p - cell
+    column = cell % width
+    border = column if sense < 0 else (column + 1 if column + 1 < width else 0)
+
+    for j in range(out.shape[0]):
+        sv, cv = _azimuth(base, step, first + j + 1, size)
+        red, green, blue = 0.0, 0.0, 0.0
+        ends_here = False
+        while not ends_here:
+            sb, cb = columns[border, 0], columns[border, 1]
+            ends_here = (sv * cb - cv * sb) * sense <= 0.0 and sv * sb + cv * cb > 0.0
+            if ends_here:
+                sb, cb = sv, cv
+            h = _angle(sb * ca - cb * sa)
+            flat = 1.0 + min(abs(kx * sa + kz * ca), abs(kx * sb + kz * cb))
+            parts = min(1 + int(16.0 * abs(h) * curved / flat), 4096)
+            part = h / parts
+            for i in range(2 * parts):
+                d = part * (i // 2 + 0.5 + (GAUSS if i % 2 else -GAUSS))
+                square = d * d
+                sine = d * (1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0)))
+                cosine = 1.0 - square * (0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0)))
+                t = kx * (sa * cosine + ca * sine) + kz * (ca * cosine - sa * sine)
+                along = min(max(fraction + d * per_radian, 0.0), 1.0)
+                r, g, b = _bilinear_point(rule, pixels, cumulated, nodes, column, t, along)
+                red += 0.5 * part * r
+                green += 0.5 * part * g
+                blue += 0.5 * part * b
+            sa, ca = sb, cb
+            fraction += h * per_radian
+            if not ends_here:
+                fraction = 0.0 if sense > 0 else 1.0
+                column += sense
+                if column == width:
+                    column = 0
+                elif column < 0:
+                    column = width - 1
+                border = column if sense < 0 else (column + 1 if column + 1 < width else 0)
+        out[j, 0], out[j, 1], out[j, 2] = red, green, blue
+
+
+@kernel
+def _walk(
+    rule: int,
+    pixels: Float32Array,
+    cumulated: Float64Array,
+    nodes: Float64Array,
+    columns: Float64Array,
+    base: tuple[float, float, float],
+    step: tuple[float, float, float],
+    size: int,
+    first: int,
+    out: Float64Array,
+) -> None:
+    if rule == TEXELS:
+        _walk_texels(pixels, cumulated, nodes, columns, base, step, size, first, out)
+    else:
+        _walk_bilinear(rule, pixels, cumulated, nodes, columns, base, step, size, first, out)
+
+
+@parallel_kernel
+def _resample(
+    rule: int,
+    pixels: Float32Array,
+    cumulated: Float64Array,
+    nodes: Float64Array,
+    columns: Float64Array,
+    frames: Float64Array,
+    faces: IntArray,
+    sign: float,
+    omega: Float64Array,
+    low: Float64Array,
+    high: Float64Array,
+    out: Float32Array,
+) -> None:
+    # frames (6, 3, 3): centre, direction of s and of t of each face in the picture's axes
+    size = out.shape[1]
+    strips = (size + STRIP - 1) // STRIP
+    for task in numba.prange(faces.size * strips):
+        face = faces[task // strips]
+        top = (task % strips) * STRIP
+        rows = min(STRIP, size - top)
+        centre = (frames[face, 0, 0], frames[face, 0, 1], frames[face, 0, 2])
+        ds = (frames[face, 1, 0], frames[face, 1, 1], frames[face, 1, 2])
+        dt = (frames[face, 2, 0], frames[face, 2, 1], frames[face, 2, 2])
+        across = np.empty((rows + 1, size, 3))
+        down = np.empty((size + 1, rows, 3))
+        for i in range(rows + 1):
+            t = (2.0 * (top + i) - size) / size
+            base = (centre[0] + t * dt[0], centre[1] + t * dt[1], centre[2] + t * dt[2])
+            _walk(rule, pixels, cumulated, nodes, columns, base, ds, size, 0, across[i])
+        for j in range(size + 1):
+            s = (2.0 * j - size) / size
+            base = (centre[0] + s * ds[0], centre[1] + s * ds[1], centre[2] + s * ds[2])
+            _walk(rule, pixels, cumulated, nodes, columns, base, dt, size, top, down[j])
+        for i in range(rows):
+            for j in range(size):
+                for c in range(3):
+                    loop = across[i, j, c] + down[j + 1, i, c] - across[i + 1, j, c] - down[j, i, c]
+                    value = sign * loop / omega[top + i, j]
+                    out[face, top + i, j, c] = min(max(value, low[c]), high[c])
+
+
+def _refine(pixels: Float32Array, rule: int) -> tuple[Float32Array, int]:
+    # the same function of direction with columns no wider than STEP, and how many per column
+    height, width = pixels.shape[:2]
+    m = math.ceil(2.0 * math.pi / (STEP * width))
+    if m == 1:
+        return pixels, 1
+    if rule == TEXELS:
+        return _check.frozen(np.repeat(pixels, m, axis=1)), m
+    f = (np.arange(m) / m)[None, None, :, None]
+    wide = pixels.astype(np.float64)[:, :, None]
+    fine = wide * (1.0 - f) + np.roll(wide, -1, axis=1) * f
+    return _check.frozen(fine.reshape(height, width * m, 3).astype(np.float32)), m
+
+
+def resample(
+    pixels: Float32Array, rule: int, frames: Float64Array, omega: Float64Array, sign: float
+) -> Float32Array:
+    """Mean radiance over each cube texel of a lat-long picture, eq. (1).
+
+    Parameters
+    ----------
+    pixels : (H, W, 3) float32, read-only
+        Row 0 at theta = 0, column 0 from azimuth 0 on (its centre half a texel further).
+    rule : TEXELS, CENTRES or POLES
+        What the picture is between its texel centres.
+    frames : (6, 3, 3) float64
+        Centre, direction of s and direction of t of each face, in the picture's axes.
+    omega : (N, N) float64
+        Solid angles of a face's texels.
+    sign : +1 or -1
+        -1 where the picture's axes are mirrored against the cube's.
+
+    Returns
+    -------
+    (6, N, N, 3) float32; within rounding (1e-13 of the largest radiance in reach) of the mean.
+    """
+    height = pixels.shape[0]
+    low = pixels.min(axis=0).min(axis=0).astype(np.float64)  # a mean stays between these
+    high = pixels.max(axis=0).max(axis=0).astype(np.float64)
+    source, refined = _refine(pixels, rule)
+    width = source.shape[1]
+    nodes = row_nodes(rule, height)
+    begin = 0.0 if rule == TEXELS else 0.5 * refined
+    angle = (np.arange(width) + begin) * (2.0 * np.pi / width)
+    columns = np.stack([np.sin(angle), np.cos(angle)], axis=-1)
+    out = np.empty((6, *omega.shape, 3), dtype=np.float32)
+    cumulated = np.empty((nodes.size, width, 3))
+    for south in (False, True):  # G = 0 at the pole that a face can hold
+        faces = np.flatnonzero((frames[:, 0, 1] < 0.0) == south)
+        _cumulate(rule, source, nodes, south, cumulated)
+        _resample(
+            rule, source, cumulated, nodes, columns, frames, faces, sign, omega, low, high, out
+        )
+    return out
