@@ -299,7 +299,9 @@ def regular_pattern(
 
     Returns
     -------
-    Pattern; ``cell`` is s^2. The count follows from the shape of the lobe, see ``len``.
+    Pattern; the count, ``len``, follows from the shape of the lobe. ``cell`` is s^2: a nominal
+    value, for six samples on a circle of radius s (s1) or four on r0 s (s2) are fewer than the
+    circumference has room for, and s^2 each covers 0.955 (s1) or 0.900 (s2) of a dense pattern.
 
     Raises
     ------
