@@ -11,7 +11,8 @@ lobe needs no exponential per pixel: with F and the lobe's D, (1) is ::
 
     L = ks sum g L_mip F(wo.wh) (wi.n) / ((wi.n)(wo.n))^alpha,   g = D(wh) / (n p_h)    (2)
 
-``k_tap`` is the definition of one sample; the pixel loop and ``trace`` both call it. Transmission
+``k_tap`` is the definition of one sample; the plain pixel loop and ``trace`` both call it, and
+``tiles`` holds the same loop laid out for vector units. Transmission
 lobes look up wi mirrored in the surface, with 1 - F for F.
 
 Source: the regular sampling paper, eqs. 2, 9, 16-18 and its ``EvaluateSpecularLobe``; importance
@@ -28,7 +29,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from . import _check, methods
+from . import _check, methods, tiles
 from ._jit import Scalar, kernel, parallel_kernel
 from .brdf import Lobe, Material, k_schlick
 from .footprint import FOOTPRINTS, JACOBIAN, border_sines, k_level, k_lobe_area, k_texels
@@ -38,6 +39,7 @@ from .pyramid import Pyramid, subtexel_steps
 from .sampler import k_trilinear_rgb
 
 NORMALISATIONS = ("paper", "projected")
+KERNELS = ("auto", "plain")
 CHUNK = 1 << 20  # pixels converted to the kernel's precision at a time
 
 FloatArray = npt.NDArray[np.floating]
@@ -141,7 +143,6 @@ def _shade(
     normal: FloatArray,
     tangent: FloatArray,
     view: FloatArray,
-    seen: npt.NDArray[np.bool_],
     taps: FloatArray,
     first: Int64Array,
     borders: FloatArray,
@@ -157,11 +158,9 @@ def _shade(
     stride: Scalar,
     out: FloatArray,
 ) -> None:
-    # (P, 3) x3, (P,), then TapTable's arrays, then Pyramid's; out (P, 3)
+    # (P, 3) x3, then TapTable's arrays, then Pyramid's; out (P, 3)
     for p in numba.prange(normal.shape[0]):
         out[p, 0] = out[p, 1] = out[p, 2] = ZERO
-        if not seen[p]:
-            continue
         frame, wo = k_frame(normal[p], tangent[p], view[p])
         if wo[2] <= ZERO:
             continue
@@ -286,25 +285,39 @@ TABLES = {"regular": regular_table, "importance": importance_table}
 
 
 def run_table(
-    points: SurfacePoints, table: TapTable, pyramid: Pyramid, precision: str = "single"
+    points: SurfacePoints,
+    table: TapTable,
+    pyramid: Pyramid,
+    precision: str = "single",
+    kernel: str = "auto",
 ) -> FloatArray:
     """Evaluate eq. (2) at every point, shape (..., 3)."""
     dtype = _check.dtype_of(precision)
     if not isinstance(pyramid, Pyramid) or pyramid.channels != 3:
         raise _check.fail("pyramid", "must be a Pyramid of three channels", pyramid)
+    tiled = _check.choice("kernel", kernel, KERNELS) == "auto" and tiles.fits(
+        pyramid, dtype, table.steps
+    )
     cast = table.cast(dtype)
     buffer, chain, stride = pyramid.kernel_arguments
-    vectors = [v.reshape(-1, 3) for v in (points.normal, points.tangent, points.view)]
-    seen = points.coverage.reshape(-1)
-    out = np.empty((seen.size, 3), dtype=dtype)
-    for start in range(0, seen.size, CHUNK):
-        part = slice(start, start + CHUNK)
-        n, t, v = (_check.frozen(a[part].astype(dtype)) for a in vectors)
-        _shade(
-            n, t, v, _check.frozen(seen[part]), cast.taps, cast.first, cast.borders, cast.lobes,
-            cast.ks, cast.r0, cast.footprint, cast.bias, cast.steps, dtype(math.pi), buffer, chain,
-            stride, out[part],
-        )  # fmt: skip
+    normal, tangent, view = (v.reshape(-1, 3) for v in (points.normal, points.tangent, points.view))
+    seen = _check.frozen(np.flatnonzero(points.coverage.reshape(-1)))
+    out: npt.NDArray[Any] = np.zeros((len(normal), 3), dtype=dtype)
+    shared = (cast.taps, cast.first, cast.borders, cast.lobes, cast.ks, cast.r0, cast.footprint)
+    if tiled:
+        log_size = np.int32(pyramid.size.bit_length() - 1)
+        tiles.shade_tiles(
+            normal, tangent, view, seen, *shared, cast.bias, dtype(math.pi), buffer, log_size, out
+        )
+    else:
+        for start in range(0, len(seen), CHUNK):
+            pick = seen[start : start + CHUNK]
+            n, t, v = (_check.frozen(a[pick].astype(dtype)) for a in (normal, tangent, view))
+            part = np.empty((len(pick), 3), dtype=dtype)
+            _shade(
+                n, t, v, *shared, cast.bias, cast.steps, dtype(math.pi), buffer, chain, stride, part
+            )
+            out[pick] = part
     return out.reshape(*points.shape, 3)
 
 
@@ -321,6 +334,7 @@ def regular(
     bias: float = 0.0,
     pattern: Patterns = None,
     subtexel_bits: int | None = None,
+    kernel: str = "auto",
 ) -> FloatArray:
     """Regular sampling, eq. (1) with one density per pattern.
 
@@ -341,6 +355,9 @@ def regular(
         records its own.
     subtexel_bits : int, optional
         Fixed-point fractions of the sampler (see ``Pyramid.sample``).
+    kernel : "auto" or "plain"
+        "auto" takes the vectorised loop where it applies (single precision, a full chain of
+        powers of two up to 4096, exact fractions); "plain" is the loop that defines the method.
     precision : "single" or "double"
 
     Returns
@@ -358,7 +375,7 @@ def regular(
         pattern=pattern,
         subtexel_bits=subtexel_bits,
     )
-    return run_table(points, table, pyramid, precision)
+    return run_table(points, table, pyramid, precision, kernel)
 
 
 def importance(
@@ -371,6 +388,7 @@ def importance(
     bias: float = 0.0,
     pattern: Patterns = None,
     subtexel_bits: int | None = None,
+    kernel: str = "auto",
 ) -> FloatArray:
     """Filtered importance sampling: the same Hammersley pattern at every pixel.
 
@@ -384,7 +402,7 @@ def importance(
         pattern=pattern,
         subtexel_bits=subtexel_bits,
     )
-    return run_table(points, table, pyramid, precision)
+    return run_table(points, table, pyramid, precision, kernel)
 
 
 def shade(
@@ -414,7 +432,7 @@ def shade(
         is warned about.
     **options
         The method's own: for ``regular`` samples, threshold, footprint, normalisation, bias,
-        pattern, subtexel_bits.
+        pattern, subtexel_bits, kernel.
 
     Returns
     -------

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import glossy
-from glossy import shading
+from glossy import shading, tiles
 from glossy.frames import normalise, reflect, sphere_tangent, spherical, to_world
 
 Float64Array = npt.NDArray[np.float64]
@@ -138,15 +138,47 @@ def test_agrees_with_the_naive_twin(
     points, pyramid = random_points(40), glossy.build_pyramid(bright_cube())
     material = glossy.Material(reflection=[LOBES[name]])
     expected = naive_shade(points, material, pyramid, method, samples=14, **options)  # type: ignore[arg-type]
-    double, single = (
-        glossy.shade(points, material, pyramid, method, precision=p, samples=14, **options)
-        for p in ("double", "single")
+    double, single, plain = (
+        glossy.shade(
+            points, material, pyramid, method, precision=p, kernel=k, samples=14, **options
+        )
+        for p, k in (("double", "auto"), ("single", "auto"), ("single", "plain"))
     )
     scale = math.sqrt(np.mean(expected**2))
     assert double.dtype == np.float64
-    assert single.dtype == np.float32
+    assert single.dtype == plain.dtype == np.float32
     assert math.sqrt(np.mean((double - expected) ** 2)) <= 1e-9 * scale
     assert math.sqrt(np.mean((single - double) ** 2)) <= SINGLE_RMS * scale
+    assert math.sqrt(np.mean((plain - double) ** 2)) <= SINGLE_RMS * scale
+
+
+@pytest.mark.parametrize("count", [1, 63, 64, 65, 200])
+@pytest.mark.parametrize("alpha", [0.0, 0.3, 0.5, 1.0])
+def test_vectorised_loop_agrees_with_the_plain_one(count: int, alpha: float) -> None:
+    """Both float32; they differ in the logarithm and the order of the eight texels."""
+    points, pyramid = random_points(count, low=1e-3), glossy.build_pyramid(bright_cube())
+    lobe = glossy.Lobe(0.3, 0.1, ks=(1.0, 0.5, 0.0), r0=(0.0, 0.5, 1.0), alpha=alpha)
+    material = glossy.Material(reflection=[lobe, LOBES["iso"]], transmission=[lobe])
+    for footprint in ("paper", "thesis", "jacobian"):
+        tiled, plain = (
+            glossy.shade(points, material, pyramid, footprint=footprint, kernel=k)
+            for k in ("auto", "plain")
+        )
+        assert np.all(np.isfinite(tiled))
+        scale = math.sqrt(np.mean(plain.astype(float) ** 2))
+        assert math.sqrt(np.mean((tiled - plain) ** 2.0)) <= SINGLE_RMS * scale
+
+
+def test_vectorised_loop_is_left_where_it_does_not_apply() -> None:
+    full = glossy.build_pyramid(bright_cube(16))
+    odd = glossy.Pyramid([np.ones((6, n, n, 3)) for n in (12, 6, 3)])
+    short = glossy.Pyramid(full.levels[:3])
+    assert [tiles.fits(p, np.float32, 0.0) for p in (full, odd, short)] == [
+        not numba.config.DISABLE_JIT, False, False]  # fmt: skip
+    assert not tiles.fits(full, np.float64, 0.0)
+    assert not tiles.fits(full, np.float32, 256.0)
+    for pyramid in (odd, short):
+        assert np.all(glossy.shade(random_points(5), LOBES["iso"], pyramid) > 0.0)
 
 
 def test_transmission_looks_through_the_surface() -> None:

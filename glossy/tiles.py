@@ -1,0 +1,303 @@
+"""The pixel loop of ``shading`` again, laid out for vector units: lanes are pixels.
+
+A tile of ``T`` pixels goes through each sample in a few short loops without branches: direction,
+face and coordinates, level, texel addresses and weights, then the lookup. The loops share one flat
+scratch array with constant offsets; with separate arrays the compiler gives up on proving that they
+do not overlap and leaves the loops scalar. Integers live in it as bits. The definition of a sample
+is ``shading.k_tap``; this agrees with it to float32 rounding, and ``tests`` says how closely.
+
+What it takes for granted, and ``fits`` checks: single precision, three channels in texels of four,
+a full chain of powers of two, no fixed-point emulation.
+
+Level: 0.5 log2(texels) from the exponent and, for the mantissa a in [1/sqrt 2, sqrt 2), ::
+
+    ln a = 2 (z + z^3/3 + z^5/5 + z^7/7 + z^9/9 + ...),   z = (a - 1)/(a + 1), |z| < 0.172
+
+whose first omitted term is below 1e-9. The Fresnel term is linear in r0, so two sums serve all
+channels: F L = r0 (1 - s) L + s L with s = (1 - wo.wh)^5.
+"""
+
+import math
+from typing import Any
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from ._jit import Scalar, kernel, parallel_kernel
+from ._lanes import add_texels, bits, from_bits
+from .footprint import JACOBIAN, PAPER, k_lobe_area
+from .pyramid import Pyramid
+from .seams import PAD
+
+Float32Array = npt.NDArray[np.float32]
+Float64Array = npt.NDArray[np.float64]
+Int64Array = npt.NDArray[np.int64]
+
+MAX_SIZE = 4096  # texel addresses stay below 2^31
+T = 64
+
+# rows of the scratch array, T numbers each
+(TX, TY, TZ, BX, BY, BZ, NX, NY, NZ, OX, OY, OZ, AREA,
+ COS, WX, WY, WZ, GAIN, SCHLICK, FACE, U, V, D, LEVEL,
+ A0, A1, B0, B1, WA0, WA1, WA2, WA3, WB0, WB1, WB2, WB3) = (T * k for k in range(36))  # fmt: skip
+PLAIN = T * 36  # four rows: sum of w L, RGBA per pixel
+FRESNEL = T * 40  # four rows: sum of w s L
+SCRATCH = T * 44
+
+ZERO, HALF, ONE, TWO, FOUR = (np.float32(v) for v in (0.0, 0.5, 1.0, 2.0, 4.0))
+INV_LN2 = np.float32(1.0 / math.log(2.0))
+LN2 = np.float32(math.log(2.0))
+SQRT2 = np.float32(math.sqrt(2.0))
+C3, C5, C7, C9 = (np.float32(1.0 / k) for k in (3.0, 5.0, 7.0, 9.0))
+E1, E2, E3, E4, E5, E6 = (np.float32(math.log(2.0) ** k / math.factorial(k)) for k in range(1, 7))
+MANTISSA, EXPONENT_ONE = np.int32(0x7FFFFF), np.int32(127 << 23)
+
+
+@kernel
+def _log2(x: Scalar) -> Scalar:
+    """log2 of a positive float32, to 2e-7 absolute near 1 and half an ulp of the result beyond."""
+    b = bits(x)
+    e = np.float32((b >> np.int32(23)) - np.int32(127))
+    a = from_bits((b & MANTISSA) | EXPONENT_ONE)
+    high = a > SQRT2
+    a = a * HALF if high else a
+    e = e + ONE if high else e
+    z = (a - ONE) / (a + ONE)
+    q = z * z
+    series = z * (ONE + q * (C3 + q * (C5 + q * (C7 + q * C9))))
+    return e + TWO * INV_LN2 * series
+
+
+@kernel
+def _exp2(x: Scalar) -> Scalar:
+    """2^x for |x| < 120, relative error below 2e-7."""
+    whole = np.floor(x + HALF)
+    f = x - whole
+    series = ONE + f * (E1 + f * (E2 + f * (E3 + f * (E4 + f * (E5 + f * E6)))))
+    return series * from_bits((np.int32(whole) + np.int32(127)) << np.int32(23))
+
+
+@kernel
+def _load_frames(
+    s: Float32Array,
+    pixels: Int64Array,
+    start: Scalar,
+    count: Scalar,
+    normal: Float64Array,
+    tangent: Float64Array,
+    view: Float64Array,
+) -> None:
+    """Frames and local views of one tile, rounded; the last pixel fills up a short one."""
+    for i in range(T):
+        p = pixels[start + min(i, count - 1)]
+        s[NX + i], s[NY + i], s[NZ + i] = (
+            np.float32(normal[p, 0]),
+            np.float32(normal[p, 1]),
+            np.float32(normal[p, 2]),
+        )
+        s[TX + i], s[TY + i], s[TZ + i] = (
+            np.float32(tangent[p, 0]),
+            np.float32(tangent[p, 1]),
+            np.float32(tangent[p, 2]),
+        )
+        s[OX + i], s[OY + i], s[OZ + i] = (
+            np.float32(view[p, 0]),
+            np.float32(view[p, 1]),
+            np.float32(view[p, 2]),
+        )
+    for i in range(T):
+        nx, ny, nz = s[NX + i], s[NY + i], s[NZ + i]
+        tx, ty, tz = s[TX + i], s[TY + i], s[TZ + i]
+        vx, vy, vz = s[OX + i], s[OY + i], s[OZ + i]
+        bx, by, bz = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
+        s[BX + i], s[BY + i], s[BZ + i] = bx, by, bz
+        s[OX + i] = vx * tx + vy * ty + vz * tz
+        s[OY + i] = vx * bx + vy * by + vz * bz
+        s[OZ + i] = vx * nx + vy * ny + vz * nz
+
+
+@kernel
+def _directions(s: Float32Array, tap: Float32Array, side: Scalar, alpha: Scalar) -> None:
+    """Directions in world coordinates, weight without F (0 below the horizon), Schlick's power."""
+    hx, hy, hz, gain = tap[0], tap[1], tap[2], tap[3]
+    for i in range(T):
+        ox, oy, oz = s[OX + i], s[OY + i], s[OZ + i]
+        c = ox * hx + oy * hy + oz * hz
+        c2 = TWO * c
+        ix, iy, iz = c2 * hx - ox, c2 * hy - oy, c2 * hz - oz
+        kept = (c > ZERO) & (iz > ZERO) & (oz > ZERO)
+        s[GAIN + i] = gain * iz if kept else ZERO
+        s[COS + i] = c
+        s[LEVEL + i] = iz * oz
+        up = iz * side
+        s[WX + i] = s[TX + i] * ix + s[BX + i] * iy + s[NX + i] * up
+        s[WY + i] = s[TY + i] * ix + s[BY + i] * iy + s[NY + i] * up
+        s[WZ + i] = s[TZ + i] * ix + s[BZ + i] * iy + s[NZ + i] * up
+        dx, dy, dz = ix - ox, iy - oy, iz - oz
+        x = (dx * dx + dy * dy + dz * dz) / (FOUR * (ONE + c))
+        s[SCHLICK + i] = (x * x) * (x * x) * x
+    if alpha == HALF:
+        for i in range(T):
+            s[GAIN + i] = s[GAIN + i] / math.sqrt(max(s[LEVEL + i], np.float32(1e-30)))
+    elif alpha == ONE:
+        for i in range(T):
+            s[GAIN + i] = s[GAIN + i] / max(s[LEVEL + i], np.float32(1e-30))
+    elif alpha != ZERO:
+        for i in range(T):
+            power = _exp2(-alpha * _log2(max(s[LEVEL + i], np.float32(1e-30))))
+            s[GAIN + i] = s[GAIN + i] * power
+
+
+@kernel
+def _faces(s: Float32Array) -> None:
+    """Face, coordinates in [0, 1] and distance to the cube; ties z over y over x."""
+    for i in range(T):
+        x, y, z = s[WX + i], s[WY + i], s[WZ + i]
+        ax, ay, az = abs(x), abs(y), abs(z)
+        on_z = (az >= ay) & (az >= ax)
+        on_y = (ay >= ax) & (not on_z)
+        major = z if on_z else (y if on_y else x)
+        back = major < ZERO
+        d = ONE / abs(major)
+        across = x if (on_z | on_y) else -z
+        across = -across if (back & (not on_y)) else across
+        down = z if on_y else -y
+        down = -down if (back & on_y) else down
+        face = np.int32(4) if on_z else (np.int32(2) if on_y else np.int32(0))
+        s[FACE + i] = from_bits(face + (np.int32(1) if back else np.int32(0)))
+        s[U + i] = HALF * (across * d) + HALF
+        s[V + i] = HALF * (down * d) + HALF
+        s[D + i] = d
+
+
+@kernel
+def _levels(s: Float32Array, footprint: Scalar, spread: Scalar, bias: Scalar, top: Scalar) -> None:
+    """Level of detail, clamped to the chain; a dropped lane may hold any level."""
+    if footprint == PAPER:
+        for i in range(T):
+            s[LEVEL + i] = spread * s[AREA + i] * s[D + i] / s[COS + i]
+    elif footprint == JACOBIAN:
+        for i in range(T):
+            d = s[D + i]
+            s[LEVEL + i] = spread * s[COS + i] * (d * d * d)
+    else:
+        for i in range(T):
+            d = s[D + i]
+            s[LEVEL + i] = spread * s[AREA + i] * (d * d * d)
+    for i in range(T):
+        level = HALF * _log2(s[LEVEL + i]) + bias
+        level = level if level > ZERO else ZERO
+        s[LEVEL + i] = level if level < top else top
+
+
+@kernel
+def _addresses(s: Float32Array, log_size: Scalar, fine: bool) -> None:
+    """Addresses and weights of the four texels at the level below or above ``LEVEL``."""
+    at0, at1 = (A0, A1) if fine else (B0, B1)
+    w0, w1, w2, w3 = (WA0, WA1, WA2, WA3) if fine else (WB0, WB1, WB2, WB3)
+    for i in range(T):
+        level = s[LEVEL + i]
+        first = np.int32(level)
+        f = level - np.float32(first)
+        k = log_size - first if fine else max(log_size - first - np.int32(1), np.int32(0))
+        n = np.int32(1) << k
+        nf = np.float32(n)
+        px, py = s[U + i] * nf - HALF, s[V + i] * nf - HALF
+        fx, fy = np.floor(px), np.floor(py)
+        a, b = px - fx, py - fy
+        width = n + np.int32(2 * PAD)
+        offset = np.int32(2) * (n * n - np.int32(1)) + np.int32(48) * (n - np.int32(1))
+        offset = offset + np.int32(96) * k
+        row = bits(s[FACE + i]) * width + np.int32(fy) + np.int32(PAD)
+        index = np.int32(4) * (offset + row * width + np.int32(fx) + np.int32(PAD))
+        share = ONE - f if fine else f
+        s[at0 + i] = from_bits(index)
+        s[at1 + i] = from_bits(index + np.int32(4) * width)
+        top, low = share * (ONE - b), share * b
+        s[w0 + i], s[w1 + i] = top * (ONE - a), top * a
+        s[w2 + i], s[w3 + i] = low * (ONE - a), low * a
+
+
+@kernel
+def _look_up(s: Float32Array, buffer: Float32Array, count: Scalar, fresnel: bool) -> None:
+    """Trilinear lookup and accumulation, one pixel after the other."""
+    for i in range(count):
+        w = s[GAIN + i]
+        if w == ZERO:
+            continue
+        a0, a1 = np.int64(bits(s[A0 + i])), np.int64(bits(s[A1 + i]))
+        b0, b1 = np.int64(bits(s[B0 + i])), np.int64(bits(s[B1 + i]))
+        corners = (a0, a0 + 4, a1, a1 + 4, b0, b0 + 4, b1, b1 + 4)
+        weights = (
+            s[WA0 + i], s[WA1 + i], s[WA2 + i], s[WA3 + i],
+            s[WB0 + i], s[WB1 + i], s[WB2 + i], s[WB3 + i],
+        )  # fmt: skip
+        add_texels(buffer, corners, weights, w, s, PLAIN + 4 * i)
+        if fresnel:
+            add_texels(buffer, corners, weights, w * s[SCHLICK + i], s, FRESNEL + 4 * i)
+
+
+@parallel_kernel
+def shade_tiles(
+    normal: Float64Array,
+    tangent: Float64Array,
+    view: Float64Array,
+    pixels: Int64Array,
+    taps: Float32Array,
+    first: Int64Array,
+    borders: Float32Array,
+    lobes: Float32Array,
+    ks: Float32Array,
+    r0: Float32Array,
+    footprint: Scalar,
+    bias: Scalar,
+    pi: Scalar,
+    buffer: Float32Array,
+    log_size: Scalar,
+    out: Float32Array,
+) -> None:
+    """``shading._shade`` for the pixels of these indices, in a full power-of-two chain.
+
+    Adds to ``out``. Arguments as there, the vectors in float64; ``log_size`` (int32) is log2 of N
+    at level 0.
+    """
+    top = np.float32(log_size)
+    for tile in numba.prange((pixels.shape[0] + T - 1) // T):
+        start = tile * T
+        count = min(T, pixels.shape[0] - start)
+        s = np.empty(SCRATCH, dtype=np.float32)
+        _load_frames(s, pixels, start, count, normal, tangent, view)
+        for j in range(lobes.shape[0]):
+            fresnel = r0[j, 0] != ONE or r0[j, 1] != ONE or r0[j, 2] != ONE
+            for i in range(8 * T):
+                s[PLAIN + i] = ZERO
+            if footprint != JACOBIAN:
+                for i in range(T):
+                    wo = (s[OX + i], s[OY + i], s[OZ + i])
+                    s[AREA + i] = k_lobe_area(borders[j, 0], borders[j, 1], wo, pi)
+            for k in range(first[j], first[j + 1]):
+                _directions(s, taps[k], lobes[j, 4], lobes[j, 3])
+                _faces(s)
+                _levels(s, footprint, taps[k, 4], bias, top)
+                _addresses(s, log_size, True)
+                _addresses(s, log_size, False)
+                _look_up(s, buffer, count, fresnel)
+            for i in range(count):
+                p = pixels[start + i]
+                for c in range(3):
+                    a, b = s[PLAIN + 4 * i + c], s[FRESNEL + 4 * i + c]
+                    value = r0[j, c] * a + (ONE - r0[j, c]) * b
+                    if lobes[j, 4] < ZERO:
+                        value = a - value
+                    out[p, c] += ks[j, c] * value
+
+
+def fits(pyramid: Pyramid, dtype: type, steps: float) -> bool:
+    """Whether ``shade_tiles`` can serve a lookup in this pyramid with this arithmetic."""
+    config: Any = numba.config
+    if config.DISABLE_JIT:  # the float bits exist in compiled code only
+        return False
+    size = pyramid.size
+    full = len(pyramid.levels) == size.bit_length() and size & (size - 1) == 0
+    return dtype is np.float32 and steps == 0.0 and full and size <= MAX_SIZE
