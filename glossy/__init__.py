@@ -14,6 +14,7 @@ from ._version import __version__
 if TYPE_CHECKING:
     from .brdf import Lobe, Material
     from .cubemap import CubeMap
+    from .environment import environment, read_environment
     from .frames import SurfacePoints
     from .materials import material, material_names
     from .pattern import Pattern, importance_pattern, pattern_for_budget, regular_pattern
@@ -31,10 +32,12 @@ _WHERE = {
     "SurfacePoints": "frames",
     "Truth": "reference",
     "build_pyramid": "pyramid",
+    "environment": "environment",
     "importance_pattern": "pattern",
     "material": "materials",
     "material_names": "materials",
     "pattern_for_budget": "pattern",
+    "read_environment": "environment",
     "reference": "reference",
     "regular_pattern": "pattern",
     "shade": "shading",
@@ -51,10 +54,12 @@ __all__ = [
     "Truth",
     "__version__",
     "build_pyramid",
+    "environment",
     "importance_pattern",
     "material",
     "material_names",
     "pattern_for_budget",
+    "read_environment",
     "reference",
     "regular_pattern",
     "shade",

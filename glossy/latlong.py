@@ -21,7 +21,6 @@ A picture with rows on the poles is bilinear, always; its power is the integral 
 
 import dataclasses
 import math
-from typing import Any
 
 import numba
 import numpy as np
@@ -91,15 +90,16 @@ def orientation_of(orientation: str | npt.ArrayLike) -> Orientation:
         raise _check.fail("orientation", "must be a name or a 3 x 3 matrix", matrix.shape)
     if not np.all(np.abs(matrix @ matrix.T - np.eye(3)) <= 1e-6):
         raise _check.fail("orientation", "must be orthogonal within 1e-6", matrix.tolist())
-    left, _, right = np.linalg.svd(matrix)
-    exact = matrix if np.array_equal(matrix @ matrix.T, np.eye(3)) else left @ right
-    exact.flags.writeable = False
-    return Orientation(exact)
+    if not np.array_equal(matrix @ matrix.T, np.eye(3)):
+        left, _, right = np.linalg.svd(matrix)
+        matrix = np.asarray(left @ right)  # the nearest orthogonal one
+    matrix.flags.writeable = False
+    return Orientation(matrix)
 
 
 def _rows(height: int, poles: bool) -> Float64Array:
     i = np.arange(height)
-    return i * (np.pi / (height - 1)) if poles else (i + 0.5) * (np.pi / height)
+    return np.asarray(i * (np.pi / (height - 1)) if poles else (i + 0.5) * (np.pi / height))
 
 
 def latlong_directions(height: int, orientation: str | npt.ArrayLike = "glossy") -> Float64Array:
@@ -240,15 +240,13 @@ def cube_to_latlong(
     """
     n = _check.count("height", height, low=2, high=MAX_HEIGHT)
     how = orientation_of(orientation)
-    if how.poles:
-        edge = np.clip((np.arange(n + 1) - 0.5) / (n - 1), 0.0, 1.0) * np.pi
-    else:
-        edge = np.arange(n + 1) * (np.pi / n)
+    k = np.arange(n + 1)
+    edge = np.clip((k - 0.5) / (n - 1), 0.0, 1.0) * np.pi if how.poles else k * (np.pi / n)
     y = np.cos(edge)
     down = max(2, math.ceil(4 * cube.size / n))
     wide = np.sin(0.5 * (edge[1:] + edge[:-1])) * (4.0 * cube.size / n)
     across = np.maximum(2, np.ceil(wide)).astype(np.int64)
     out = np.empty((n, 2 * n, 3), dtype=np.float32)
-    frozen: Any = [_check.frozen(a) for a in (cube.padded, y[:-1], y[1:], across)]
-    _sample_cube(*frozen, down, _check.frozen(how.matrix), out)
+    top, bottom, across, matrix = map(_check.frozen, (y[:-1], y[1:], across, how.matrix))
+    _sample_cube(cube.padded, top, bottom, across, down, matrix, out)
     return out

@@ -54,7 +54,7 @@ def row_nodes(rule: int, height: int) -> Float64Array:
     else:
         y = np.cos(np.arange(height) * (np.pi / (height - 1)))
     y[0], y[-1] = 1.0, -1.0
-    return y
+    return np.asarray(y)
 
 
 @kernel
