@@ -13,8 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from . import _check, layouts
-from .builtin import NAMES as BUILTIN
+from . import _check, builtin, layouts
 from .cubemap import MAX_SIZE, CubeMap
 from .image import read_image
 
@@ -23,6 +22,7 @@ Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
 
 DEFAULT_SIZE = 256
+BUILTIN = builtin.NAMES
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -200,6 +200,4 @@ def environment(name: str, size: int = DEFAULT_SIZE, seed: int = 0) -> CubeMap:
     ValueError
         For an unknown name or size.
     """
-    from . import builtin
-
     return builtin.environment(name, size, seed)
