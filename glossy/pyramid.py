@@ -16,13 +16,15 @@ branches at a seam, and two neighbouring RGBA texels are one wide load.
 
 import warnings
 from collections.abc import Sequence
+from typing import Any
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
 from . import _check
-from ._jit import parallel_kernel
+from ._jit import Scalar, kernel, parallel_kernel
+from ._lanes import filter_row4, filter_row16
 from .cubemap import MAX_SIZE, CubeMap
 from .sampler import sample_chain
 from .seams import PAD, fold_table, k_fill_seams
@@ -36,6 +38,7 @@ FloatArray = npt.NDArray[np.floating]
 Float32Array = npt.NDArray[np.float32]
 Int64Array = npt.NDArray[np.int64]
 
+TEXEL = 4  # floats: RGB and a fourth
 ZERO = np.float32(0.0)
 THREE, FIVE, TEN = np.float32(3.0), np.float32(5.0), np.float32(10.0)
 QUARTER, EIGHTH, INV32 = np.float32(0.25), np.float32(0.125), np.float32(1.0 / 32.0)
@@ -45,78 +48,76 @@ QUARTER, EIGHTH, INV32 = np.float32(0.25), np.float32(0.125), np.float32(1.0 / 3
 
 
 @parallel_kernel
-def _store_base(faces: Float32Array, level: Float32Array) -> None:
-    n, channels = faces.shape[1], faces.shape[3]
+def _store_rgb(faces: Float32Array, level: Float32Array) -> None:
+    n = faces.shape[1]
     for i in numba.prange(6 * n):
         face, row = i // n, i % n
         for col in range(n):
-            for c in range(channels):
-                level[face, row + PAD, col + PAD, c] = faces[face, row, col, c]
-            for c in range(channels, level.shape[3]):
-                level[face, row + PAD, col + PAD, c] = ZERO
+            level[face, row + PAD, col + PAD, 0] = faces[face, row, col, 0]
+            level[face, row + PAD, col + PAD, 1] = faces[face, row, col, 1]
+            level[face, row + PAD, col + PAD, 2] = faces[face, row, col, 2]
+            level[face, row + PAD, col + PAD, 3] = ZERO
+
+
+@kernel
+def _filter_rows(
+    fine: Float32Array, start: Scalar, pairs: Any, weights: Any, line: Float32Array
+) -> None:
+    """The vertical pass of one output row: whole input rows into ``line``."""
+    if line.size % 16 == 0:
+        filter_row16(fine, start, np.int64(16), pairs, weights, line, np.int64(0), line.size // 16)
+    else:
+        filter_row4(fine, start, np.int64(4), pairs, weights, line, np.int64(0), line.size // 4)
 
 
 @parallel_kernel
 def _reduce_box(fine: Float32Array, coarse: Float32Array) -> None:
-    n, stride = coarse.shape[1] - 2 * PAD, coarse.shape[3]
+    n, width = coarse.shape[1] - 2 * PAD, fine.shape[2] * TEXEL
+    source, target = fine.reshape(-1), coarse.reshape(-1)
+    pairs = (np.int64(0), np.int64(TEXEL), width, width + TEXEL)
     for i in numba.prange(6 * n):
         face, row = i // n, i % n
-        a = fine[face, 2 * row + PAD].reshape(-1)
-        b = fine[face, 2 * row + PAD + 1].reshape(-1)
-        out = coarse[face, row + PAD].reshape(-1)
-        for col in range(n):
-            left = (2 * col + PAD) * stride
-            for c in range(stride):
-                k = left + c
-                total = (a[k] + a[k + stride]) + (b[k] + b[k + stride])
-                out[(col + PAD) * stride + c] = total * QUARTER
+        start = ((face * fine.shape[1]) + 2 * row + PAD) * width + PAD * TEXEL
+        begin = ((face * coarse.shape[1] + row + PAD) * coarse.shape[2] + PAD) * TEXEL
+        step = np.int64(2 * TEXEL)
+        filter_row4(source, start, step, pairs, (QUARTER, QUARTER), target, begin, n)
 
 
 @parallel_kernel
 def _reduce_gauss4(fine: Float32Array, coarse: Float32Array) -> None:
-    n, stride = coarse.shape[1] - 2 * PAD, coarse.shape[3]
-    width = fine.shape[2] * stride
+    n, width = coarse.shape[1] - 2 * PAD, fine.shape[2] * TEXEL
+    source, target = fine.reshape(-1), coarse.reshape(-1)
+    weights = (EIGHTH, THREE * EIGHTH)
+    down = (np.int64(0), 3 * width, width, 2 * width)
+    across = (np.int64(0), np.int64(3 * TEXEL), np.int64(TEXEL), np.int64(2 * TEXEL))
     for i in numba.prange(6 * n):
         face, row = i // n, i % n
-        top = 2 * row + PAD - 1
-        r0, r1 = fine[face, top].reshape(-1), fine[face, top + 1].reshape(-1)
-        r2, r3 = fine[face, top + 2].reshape(-1), fine[face, top + 3].reshape(-1)
         line = np.empty(width, dtype=np.float32)
-        for k in range(width):
-            line[k] = ((r0[k] + r3[k]) + THREE * (r1[k] + r2[k])) * EIGHTH
-        out = coarse[face, row + PAD].reshape(-1)
-        for col in range(n):
-            left = (2 * col + PAD - 1) * stride
-            for c in range(stride):
-                k = left + c
-                outer = line[k] + line[k + 3 * stride]
-                inner = line[k + stride] + line[k + 2 * stride]
-                out[(col + PAD) * stride + c] = (outer + THREE * inner) * EIGHTH
+        top = ((face * fine.shape[1]) + 2 * row + PAD - 1) * width
+        _filter_rows(source, top, down, weights, line)
+        begin = ((face * coarse.shape[1] + row + PAD) * coarse.shape[2] + PAD) * TEXEL
+        start, step = np.int64((PAD - 1) * TEXEL), np.int64(2 * TEXEL)
+        filter_row4(line, start, step, across, weights, target, begin, n)
 
 
 @parallel_kernel
 def _reduce_gauss6(fine: Float32Array, coarse: Float32Array) -> None:
-    n, stride = coarse.shape[1] - 2 * PAD, coarse.shape[3]
-    width = fine.shape[2] * stride
+    n, width = coarse.shape[1] - 2 * PAD, fine.shape[2] * TEXEL
+    source, target = fine.reshape(-1), coarse.reshape(-1)
+    weights = (INV32, FIVE * INV32, TEN * INV32)
+    down = (np.int64(0), 5 * width, width, 4 * width, 2 * width, 3 * width)
+    across = (
+        np.int64(0), np.int64(5 * TEXEL), np.int64(TEXEL),
+        np.int64(4 * TEXEL), np.int64(2 * TEXEL), np.int64(3 * TEXEL),
+    )  # fmt: skip
     for i in numba.prange(6 * n):
         face, row = i // n, i % n
-        top = 2 * row + PAD - 2
-        r0, r1 = fine[face, top].reshape(-1), fine[face, top + 1].reshape(-1)
-        r2, r3 = fine[face, top + 2].reshape(-1), fine[face, top + 3].reshape(-1)
-        r4, r5 = fine[face, top + 4].reshape(-1), fine[face, top + 5].reshape(-1)
         line = np.empty(width, dtype=np.float32)
-        for k in range(width):
-            total = (r0[k] + r5[k]) + FIVE * (r1[k] + r4[k]) + TEN * (r2[k] + r3[k])
-            line[k] = total * INV32
-        out = coarse[face, row + PAD].reshape(-1)
-        for col in range(n):
-            left = (2 * col + PAD - 2) * stride
-            for c in range(stride):
-                k = left + c
-                outer = line[k] + line[k + 5 * stride]
-                middle = line[k + stride] + line[k + 4 * stride]
-                inner = line[k + 2 * stride] + line[k + 3 * stride]
-                out[(col + PAD) * stride + c] = (outer + FIVE * middle + TEN * inner) * INV32
+        top = ((face * fine.shape[1]) + 2 * row + PAD - 2) * width
+        _filter_rows(source, top, down, weights, line)
+        begin = ((face * coarse.shape[1] + row + PAD) * coarse.shape[2] + PAD) * TEXEL
+        start, step = np.int64((PAD - 2) * TEXEL), np.int64(2 * TEXEL)
+        filter_row4(line, start, step, across, weights, target, begin, n)
 
 
 _REDUCE = {"box": _reduce_box, "gauss4": _reduce_gauss4, "gauss6": _reduce_gauss6}
@@ -164,7 +165,8 @@ class Pyramid:
         self._allocate(shape[1], shape[3], len(arrays), storage, None)
         over = 0
         for level, a in zip(self._padded, arrays, strict=True):
-            _store_base(_check.frozen(a), level)
+            level[...] = 0.0
+            level[:, PAD:-PAD, PAD:-PAD, : self.channels] = a
             if storage == "rgba16f":
                 over += _round_to_half(level[:, PAD:-PAD, PAD:-PAD])
             k_fill_seams(level, fold_table())
@@ -310,7 +312,7 @@ def build_pyramid(cube: CubeMap, filter: str = "gauss6", storage: str = "rgba32f
     padded, table, over = pyramid._padded, fold_table(), 0
     for i, level in enumerate(padded):
         if i == 0:
-            _store_base(_check.frozen(cube.faces), level)
+            _store_rgb(cube.faces, level)
         else:
             _REDUCE[filter](padded[i - 1], level)
         if storage == "rgba16f":
