@@ -115,7 +115,7 @@ class SurfacePoints:
         t = None if t is None else np.broadcast_to(t, shape)
         seen = None
         if mask is not None:
-            seen = np.ascontiguousarray(np.asarray(mask, dtype=bool))
+            seen = np.array(mask, dtype=bool, order="C")  # a copy: it is made read-only
             if seen.shape != shape[:-1]:
                 raise _check.fail("mask", f"must have shape {shape[:-1]}", seen.shape)
             up, side = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
