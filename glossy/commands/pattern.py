@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ..pattern import Pattern
 
+PICTURES = (".png", ".pdf", ".svg")
 FORMATS = ("json", "csv", "glsl", "hlsl", "wgsl")
 
 EXAMPLE = """\
@@ -59,9 +60,9 @@ def run(args: argparse.Namespace) -> int:
     if form is None:
         suffix = pathlib.Path(args.output or "").suffix[1:].lower()
         form = suffix if suffix in FORMATS else "json"
-    text = pattern.export(form, args.output)
     if args.plot is not None:
         plot(pattern, args.plot)
+    text = pattern.export(form, args.output)
     if args.output is None:
         sys.stdout.write(text)
     else:
@@ -105,9 +106,14 @@ def plot(pattern: "Pattern", path: str | pathlib.Path) -> None:
     from matplotlib.figure import Figure
     from matplotlib.patches import Ellipse
 
+    from .. import _check
     from ..image_write import replacing
 
-    assert pattern.widths is not None
+    suffix = pathlib.Path(path).suffix.lower()
+    if suffix not in PICTURES:
+        raise _check.fail("plot", "must end in .png, .pdf or .svg", str(path))
+    if pattern.widths is None:
+        raise _check.fail("pattern", "must know its lobe to be drawn", pattern.method)
     mx, my = pattern.widths
     h = pattern.half_vectors
     slopes, cosine = h[:, :2] / h[:, 2:], h[:, 2]
