@@ -39,7 +39,8 @@ Float64Array = npt.NDArray[np.float64]
 M_MIN, M_MAX = 1e-5, 10.0
 
 # float32 constants are exact in both precisions and do not promote float32 arithmetic; exp(Q_MIN)
-# is the last that is not subnormal in float32: beyond it the lobe is over
+# is the last that is not subnormal in float32: beyond it the lobe is over. np.sqrt, not math.sqrt,
+# whose result without the compiler would be a Python float, which a float32 constant demotes
 ZERO, HALF, ONE, TWO, FOUR = (cast(float, np.float32(v)) for v in (0.0, 0.5, 1.0, 2.0, 4.0))
 Q_MIN = cast(float, np.float32(-87.0))
 
@@ -69,10 +70,10 @@ def k_lobe(
     if not q > Q_MIN:
         return ZERO * hz, ZERO * hz
     length2 = hx * hx + hy * hy + hz * hz
-    length = math.sqrt(length2)
+    length = np.sqrt(length2)
     u = HALF * length
     tilt = length2 / (hz * hz)  # 1 / cos^2 theta_h
-    value = math.exp(q) * lobe[2] * tilt * tilt / (TWO * length)
+    value = np.exp(q) * lobe[2] * tilt * tilt / (TWO * length)
     if lobe[3] != ZERO:
         value = value / (wiz * woz) ** lobe[3]
     return value, k_schlick(wix, wiy, wiz, wox, woy, woz, u)
@@ -128,7 +129,7 @@ def k_pdf(
     if not q > Q_MIN:
         return ZERO * wix
     tilt = length2 / (hz * hz)
-    value: float = math.exp(q) * lobe[2] * tilt * math.sqrt(tilt) / (TWO * math.sqrt(length2))
+    value: float = np.exp(q) * lobe[2] * tilt * np.sqrt(tilt) / (TWO * np.sqrt(length2))
     return value
 
 
@@ -158,11 +159,11 @@ def _pdf(wi: Float64Array, wo: Float64Array, lobe: Float64Array, out: Float64Arr
 @parallel_kernel
 def _sample(xi: Float64Array, wo: Float64Array, mx: float, my: float, out: Float64Array) -> None:
     for k in numba.prange(xi.shape[0]):
-        radius = math.sqrt(-math.log(xi[k, 0]))
-        sx = mx * radius * math.cos(TWO * math.pi * xi[k, 1])
-        sy = my * radius * math.sin(TWO * math.pi * xi[k, 1])
-        scale = ONE / (ONE + sx * sx + sy * sy)  # 1 / |h|^2 with h = (sx, sy, 1)
-        d = TWO * (wo[k, 0] * sx + wo[k, 1] * sy + wo[k, 2]) * scale
+        radius = np.sqrt(-np.log(xi[k, 0]))
+        sx = mx * radius * np.cos(2.0 * math.pi * xi[k, 1])
+        sy = my * radius * np.sin(2.0 * math.pi * xi[k, 1])
+        scale = 1.0 / (1.0 + sx * sx + sy * sy)  # 1 / |h|^2 with h = (sx, sy, 1)
+        d = 2.0 * (wo[k, 0] * sx + wo[k, 1] * sy + wo[k, 2]) * scale
         out[k, 0] = d * sx - wo[k, 0]
         out[k, 1] = d * sy - wo[k, 1]
         out[k, 2] = d - wo[k, 2]
