@@ -16,10 +16,11 @@ if TYPE_CHECKING:
     from .cubemap import CubeMap
     from .environment import environment, read_environment
     from .frames import SurfacePoints
+    from .irradiance import irradiance, irradiance_map
     from .materials import material, material_names
     from .pattern import Pattern, importance_pattern, pattern_for_budget, regular_pattern
     from .pyramid import Pyramid, build_pyramid
-    from .reference import Truth, reference
+    from .reference import Truth, reference, reference_passes
     from .shading import shade
     from .trace import trace
 
@@ -34,11 +35,14 @@ _WHERE = {
     "build_pyramid": "pyramid",
     "environment": "environment",
     "importance_pattern": "pattern",
+    "irradiance": "irradiance",
+    "irradiance_map": "irradiance",
     "material": "materials",
     "material_names": "materials",
     "pattern_for_budget": "pattern",
     "read_environment": "environment",
     "reference": "reference",
+    "reference_passes": "reference",
     "regular_pattern": "pattern",
     "shade": "shading",
     "trace": "trace",
@@ -56,11 +60,14 @@ __all__ = [
     "build_pyramid",
     "environment",
     "importance_pattern",
+    "irradiance",
+    "irradiance_map",
     "material",
     "material_names",
     "pattern_for_budget",
     "read_environment",
     "reference",
+    "reference_passes",
     "regular_pattern",
     "shade",
     "trace",

@@ -16,6 +16,11 @@ those of its four children without loss::
 Level l has 2^l by 2^l blocks per face, block i spanning the pieces floor(i n / 2^l) to
 floor((i+1) n / 2^l) of n along an axis; faces of any size are served. The leaves hold four to
 eight pieces a side (more beyond N = 2048).
+
+What equation (2) misses comes from the part of L that no low polynomial follows; its size, against
+which the error of the nodes' polynomial counts, is kept per block::
+
+    rough = sqrt(area) ||L J - q||,  q the projection of L J on degree 2 in s and in t     (4)
 """
 
 import dataclasses
@@ -34,12 +39,16 @@ Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-P = 5  # nodes per axis in a block
+P = 6  # nodes per axis in a block
 NODES, GAUSS = np.polynomial.legendre.leggauss(P)  # on [-1, 1]
-FINE_NODES, FINE_GAUSS = np.polynomial.legendre.leggauss(3)  # per piece: exact to degree 5 > P - 1 + 1
+FINE_NODES, FINE_GAUSS = np.polynomial.legendre.leggauss(
+    3
+)  # per piece: exact to degree 5 > P - 1 + 1
 LEAF_PIECES = 4
-MAX_LEAF_LEVEL = 9
-MIN_PIECES = 16
+MAX_LEAF_LEVEL = 8
+MIN_PIECES = 32
+SMOOTH = 2  # degree of the smooth part of the radiance that eq. (4) leaves out
+LEGENDRE = np.array([np.polynomial.legendre.Legendre.basis(k)(NODES) for k in range(P)])
 
 _BARY = np.array([1.0 / np.prod([a - b for b in NODES if b != a]) for a in NODES])
 
@@ -69,24 +78,41 @@ def k_block_index(level: int, face: int, row: int, col: int) -> int:
 
 
 @parallel_kernel
-def _leaf_weights(padded: Float32Array, edge: Float64Array, texel: IntArray, level: int,
-                  weights: Float64Array, mass: Float64Array) -> None:
-    # padded (6, N+2, N+2, 3); edge (n+1,); texel (n,); weights (B, P*P, 3); mass (B, 3)
+def _leaf_weights(
+    padded: Float32Array,
+    edge: Float64Array,
+    texel: IntArray,
+    level: int,
+    weights: Float64Array,
+    mass: Float64Array,
+    rough: Float64Array,
+) -> None:
+    # padded (6, N+2, N+2, 3); edge (n+1,); texel (n,); weights (B, P*P, 3); mass, rough (B, 3);
+    # `rough` receives the integral of (L J)^2 ds dt
     side = 1 << level
     pieces = texel.shape[0]
     half = 0.5 * (padded.shape[1] - 2)
     for row_of_blocks in numba.prange(6 * side):
         face, i = row_of_blocks // side, row_of_blocks % side
-        basis_s, basis_t = np.empty(P), np.empty(P)
-        line, line_mass, value = np.empty((P, 3)), np.empty(3), np.empty(3)
+        basis_t, line, value = np.empty(P), np.empty((P, 3)), np.empty(3)
+        line_mass, line_square = np.empty(3), np.empty(3)
+        basis_s = np.empty((2 * LEAF_PIECES << 4, 3, P))
         r0, r1 = i * pieces >> level, (i + 1) * pieces >> level
         for j in range(side):
             c0, c1 = j * pieces >> level, (j + 1) * pieces >> level
             b = k_block_index(level, face, i, j)
             weights[b] = 0.0
             mass[b] = 0.0
+            rough[b] = 0.0
             s_mid, t_mid = 0.5 * (edge[c0] + edge[c1]), 0.5 * (edge[r0] + edge[r1])
             s_scale, t_scale = 2.0 / (edge[c1] - edge[c0]), 2.0 / (edge[r1] - edge[r0])
+            for c in range(c0, c1):
+                for gs in range(3):
+                    s = (
+                        0.5 * (edge[c] + edge[c + 1])
+                        + 0.5 * (edge[c + 1] - edge[c]) * FINE_NODES[gs]
+                    )
+                    k_lagrange((s - s_mid) * s_scale, basis_s[c - c0, gs])
             for r in range(r0, r1):
                 for gt in range(3):
                     ht = 0.5 * (edge[r + 1] - edge[r])
@@ -94,23 +120,26 @@ def _leaf_weights(padded: Float32Array, edge: Float64Array, texel: IntArray, lev
                     y = (t + 1.0) * half + 0.5 - texel[r]
                     line[:] = 0.0
                     line_mass[:] = 0.0
+                    line_square[:] = 0.0
                     for c in range(c0, c1):
                         hs = 0.5 * (edge[c + 1] - edge[c])
                         for gs in range(3):
                             s = 0.5 * (edge[c] + edge[c + 1]) + hs * FINE_NODES[gs]
                             x = (s + 1.0) * half + 0.5 - texel[c]
-                            w = hs * FINE_GAUSS[gs] * k_jacobian(s, t)
-                            k_lagrange((s - s_mid) * s_scale, basis_s)
+                            jacobian = k_jacobian(s, t)
+                            w = hs * FINE_GAUSS[gs] * jacobian
                             k_radiance(padded, face, texel[r], texel[c], x, y, value)
                             for ch in range(3):
                                 amount = w * value[ch]
                                 line_mass[ch] += abs(amount)
+                                line_square[ch] += amount * value[ch] * jacobian
                                 for k in range(P):
-                                    line[k, ch] += amount * basis_s[k]
+                                    line[k, ch] += amount * basis_s[c - c0, gs, k]
                     k_lagrange((t - t_mid) * t_scale, basis_t)
                     w = ht * FINE_GAUSS[gt]
                     for ch in range(3):
                         mass[b, ch] += w * line_mass[ch]
+                        rough[b, ch] += w * line_square[ch]
                     for ky in range(P):
                         for kx in range(P):
                             for ch in range(3):
@@ -118,8 +147,9 @@ def _leaf_weights(padded: Float32Array, edge: Float64Array, texel: IntArray, lev
 
 
 @kernel
-def k_radiance(padded: Float32Array, face: int, row: int, col: int, x: float, y: float,
-               out: Float64Array) -> None:
+def k_radiance(
+    padded: Float32Array, face: int, row: int, col: int, x: float, y: float, out: Float64Array
+) -> None:
     """Bilinear radiance between four padded texels; x, y are the fractions across and down."""
     for ch in range(3):
         top = padded[face, row, col, ch] * (1.0 - x) + padded[face, row, col + 1, ch] * x
@@ -128,8 +158,9 @@ def k_radiance(padded: Float32Array, face: int, row: int, col: int, x: float, y:
 
 
 @parallel_kernel
-def _parent_weights(edge: Float64Array, level: int, weights: Float64Array,
-                    mass: Float64Array) -> None:
+def _parent_weights(
+    edge: Float64Array, level: int, weights: Float64Array, mass: Float64Array, rough: Float64Array
+) -> None:
     # eq. (3): fills the blocks of `level` from those of `level + 1`
     side = 1 << level
     pieces = edge.shape[0] - 1
@@ -137,25 +168,39 @@ def _parent_weights(edge: Float64Array, level: int, weights: Float64Array,
         face, i = row_of_blocks // side, row_of_blocks % side
         basis_s, basis_t = np.empty((2, P, P)), np.empty((2, P, P))
         line = np.empty((P, 3))
-        _child_bases(edge, i * pieces >> level, (2 * i + 1) * pieces >> (level + 1),
-                     (i + 1) * pieces >> level, basis_t)
+        _child_bases(
+            edge,
+            i * pieces >> level,
+            (2 * i + 1) * pieces >> (level + 1),
+            (i + 1) * pieces >> level,
+            basis_t,
+        )
         for j in range(side):
-            _child_bases(edge, j * pieces >> level, (2 * j + 1) * pieces >> (level + 1),
-                         (j + 1) * pieces >> level, basis_s)
+            _child_bases(
+                edge,
+                j * pieces >> level,
+                (2 * j + 1) * pieces >> (level + 1),
+                (j + 1) * pieces >> level,
+                basis_s,
+            )
             b = k_block_index(level, face, i, j)
             weights[b] = 0.0
             mass[b] = 0.0
+            rough[b] = 0.0
             for v in range(2):
                 for u in range(2):
                     child = k_block_index(level + 1, face, 2 * i + v, 2 * j + u)
                     for ch in range(3):
                         mass[b, ch] += mass[child, ch]
+                        rough[b, ch] += rough[child, ch]
                     for ty in range(P):
                         line[:] = 0.0
                         for tx in range(P):
                             for k in range(P):
                                 for ch in range(3):
-                                    line[k, ch] += basis_s[u, tx, k] * weights[child, ty * P + tx, ch]
+                                    line[k, ch] += (
+                                        basis_s[u, tx, k] * weights[child, ty * P + tx, ch]
+                                    )
                         for ky in range(P):
                             for kx in range(P):
                                 for ch in range(3):
@@ -174,13 +219,41 @@ def _child_bases(edge: Float64Array, first: int, middle: int, last: int, out: Fl
             k_lagrange((x - mid) * scale, out[half, j])
 
 
+@parallel_kernel
+def _roughness(edge: Float64Array, level: int, weights: Float64Array, rough: Float64Array) -> None:
+    # eq. (4), in place of the integrals of (L J)^2
+    pieces = edge.shape[0] - 1
+    for row_of_blocks in numba.prange(6 << level):
+        face, i = row_of_blocks >> level, row_of_blocks & ((1 << level) - 1)
+        height = edge[(i + 1) * pieces >> level] - edge[i * pieces >> level]
+        line = np.empty(P)
+        for j in range(1 << level):
+            area = height * (edge[(j + 1) * pieces >> level] - edge[j * pieces >> level])
+            b = k_block_index(level, face, i, j)
+            for ch in range(3):
+                smooth = 0.0
+                for k in range(SMOOTH + 1):
+                    for y in range(P):
+                        line[y] = 0.0
+                        for x in range(P):
+                            line[y] += LEGENDRE[k, x] * weights[b, y * P + x, ch]
+                    for m in range(SMOOTH + 1):
+                        moment = 0.0
+                        for y in range(P):
+                            moment += LEGENDRE[m, y] * line[y]
+                        smooth += moment * moment * (2 * k + 1) * (2 * m + 1) / area
+                left = max(rough[b, ch] - smooth, 1e-14 * rough[b, ch])
+                rough[b, ch] = math.sqrt(area * left)
+
+
 @dataclasses.dataclass(frozen=True)
 class RadianceTree:
     """What the quadrature needs of a cube map.
 
     ``padded`` (6, N+2, N+2, 3); ``edge`` (n+1,): bounds of the pieces in [-1, 1]; ``texel`` (n,):
     padded index of a piece's first texel; ``level``: of the leaves; ``weights`` (B, P*P, 3):
-    eq. (1), blocks of all levels, coarse first; ``mass`` (B, 3): integral of abs(L) over the block.
+    eq. (1), blocks of all levels, coarse first; ``mass`` (B, 3): integral of abs(L) over the block;
+    ``rough`` (B, 3): eq. (4).
     """
 
     padded: Float32Array
@@ -189,6 +262,7 @@ class RadianceTree:
     level: int
     weights: Float64Array
     mass: Float64Array
+    rough: Float64Array
 
 
 def _pieces(size: int) -> tuple[Float64Array, IntArray]:
@@ -214,13 +288,16 @@ def build_tree(cube: CubeMap) -> RadianceTree:
     edge, texel = _pieces(cube.size)
     level = min(int(math.log2(len(texel) / LEAF_PIECES)), MAX_LEAF_LEVEL)
     blocks = 2 * ((1 << (2 * level + 2)) - 1)
-    weights, mass = np.empty((blocks, P * P, 3)), np.empty((blocks, 3))
+    weights = np.empty((blocks, P * P, 3))
+    mass, rough = np.empty((blocks, 3)), np.empty((blocks, 3))
     edge, texel = _check.frozen(edge), _check.frozen(texel)
-    _leaf_weights(cube.padded, edge, texel, level, weights, mass)
+    _leaf_weights(cube.padded, edge, texel, level, weights, mass, rough)
     for parent in range(level - 1, -1, -1):
-        _parent_weights(edge, parent, weights, mass)
-    weights, mass = _check.frozen(weights), _check.frozen(mass)
-    return RadianceTree(cube.padded, edge, texel, level, weights, mass)
+        _parent_weights(edge, parent, weights, mass, rough)
+    for any_level in range(level + 1):
+        _roughness(edge, any_level, weights, rough)
+    weights, mass, rough = _check.frozen(weights), _check.frozen(mass), _check.frozen(rough)
+    return RadianceTree(cube.padded, edge, texel, level, weights, mass, rough)
 
 
 _trees: "weakref.WeakKeyDictionary[CubeMap, RadianceTree]" = weakref.WeakKeyDictionary()

@@ -1,28 +1,47 @@
 """Deterministic quadrature of lobe times radiance over the texels, with an error bound.
 
-Per surface point and lobe, the sphere is covered by blocks of the radiance tree (``cells``); where
-the lobe is narrower than a leaf, by single pieces of bilinear radiance and their halves. Every block
-carries an error: ::
+Per surface point and lobe, the sphere is covered by blocks of the radiance tree (``cells``);
+where the lobe is narrower than a leaf, by single pieces of bilinear radiance and their halves.
+Every block carries a value and an error. With g = f cos and its bound from ``bounds``, a block
+across which the lobe is too narrow for polynomials has ::
 
-    not resolved:  value 0,              error <= max(g) integral_B abs(L)                     (1)
-    resolved:      value sum w_k g(x_k), error <= max|g - g_P| integral_B abs(L)               (2)
+    value 0,               error <= max(g) integral abs(L)                                  (1)
 
-with g = f cos, its bound from ``bounds``, and g_P the polynomial through the nodes, how far it is from
-g being read from the decay of its Legendre coefficients. The block of the largest error is divided
-next, until the sum of the errors is below the tolerance or the work is spent; the sum of the
-errors that remain is the bound that is reported.
+and any other, g_P being the polynomial through the nodes, ::
+
+    value sum w_k g(x_k),  error <= max|g - g_P| integral abs(L)                            (2)
+                           error <= ||L J - q|| ||g - g_P|| + |integral q (g - g_P)|        (3)
+
+whichever is less: in (3) the polynomial q follows the radiance, and Gauss nodes make the last term
+tiny. How far g is from g_P is read from the decay of its Legendre coefficients, or known
+beforehand where the horizon crosses the block. The block of the largest error is divided next,
+until the errors' sum is below the tolerance or the work is spent; what remains is the bound.
 """
 
 import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from .. import _check
 from .._jit import kernel, parallel_kernel
 from ..brdf import PackedMaterial, k_lobe
-from .bounds import k_lobe_bound, k_tail
+from .blocks import (
+    C0,
+    COL,
+    FACE,
+    KIND,
+    MANY,
+    PIECE,
+    R0,
+    ROW,
+    k_block_mass,
+    k_children,
+    k_cone,
+    k_face_basis,
+    k_interval,
+)
+from .bounds import FLAT, k_decay, k_kink, k_lobe_bound, k_tail
 from .cells import (
     GAUSS,
     NODES,
@@ -32,231 +51,190 @@ from .cells import (
     P,
     RadianceTree,
     k_block_index,
-    k_jacobian,
     k_radiance,
 )
 
-FLOOR = 1e-4  # results below this share of (albedo x mean radiance) are held to it in absolute terms
+FLOOR = (
+    1e-4  # results below this share of (albedo x mean radiance) are held to it in absolute terms
+)
 DUST = 1e-6  # share of the tolerance below which a block is put aside for good
 MAX_DEPTH = 44  # halvings of a piece: the coordinates' last bits
-KINK = 0.2  # interpolation error of max(0, x) on [-1, 1], with reserve
-CHUNKS = 256
-
-# Columns of a block's row: face; level of the tree, or MANY, or PIECE + depth; then for a tree block
-# row and column; for pieces their range; for a part of a piece its place in the binary grid.
-FACE, KIND, ROW, COL, R0, R1, C0, C1 = range(8)
-MANY, PIECE = 100, 101
+CHUNKS = 256  # sets of points that threads take one by one
+ROOM = 1 << 22  # most blocks held for one point
+BILINEAR = 2.0  # (3) on a piece: L J less a quadratic is at most this times rho^3 of it
+ROUNDING = 1e-11  # of the weights and of the sums, relative
 
 
 @kernel
-def k_face_basis(face: int, frame: Float64Array, side: float, out: Float64Array) -> None:
-    """Local coordinates of a face's major axis, s and t axes: rows of ``out`` (3, 3).
+def k_nodes(
+    block: IntArray,
+    s0: float,
+    s1: float,
+    t0: float,
+    t1: float,
+    padded: Float32Array,
+    texel: IntArray,
+    weights: Float64Array,
+    b: int,
+    basis: Float64Array,
+    wo: Float64Array,
+    lobe: Float64Array,
+    diffuse: bool,
+    plain: Float64Array,
+    schlick: Float64Array,
+    v: Float64Array,
+    w: Float64Array,
+    value: Float64Array,
+) -> None:
+    """Sum of w_k g(x_k), (3,), over the nodes of a block; g without and with the weight in v, w.
 
-    ``frame`` holds tangent, bitangent, normal; ``side`` -1 mirrors in the surface.
+    ``b`` is the block's row in ``weights``; below the tree (-1) the weights are Gauss weights times
+    the bilinear radiance of the one piece.
     """
-    major = face >> 1
-    sign = 1.0 if face % 2 == 0 else -1.0
-    for k in range(3):
-        x, y, z = frame[k, 0], frame[k, 1], frame[k, 2]
-        flip = side if k == 2 else 1.0
-        if major == 0:
-            a, s, t = sign * x, -sign * z, -y
-        elif major == 1:
-            a, s, t = sign * y, x, sign * z
-        else:
-            a, s, t = sign * z, sign * x, -y
-        out[0, k], out[1, k], out[2, k] = a * flip, s * flip, t * flip
-
-
-@kernel
-def k_interval(edge: Float64Array, block: IntArray, axis: int, level: int) -> tuple[float, float]:
-    # bounds in s (axis 1) or t (axis 0) of a block
-    kind = block[KIND]
-    if kind <= level:
-        pieces = edge.shape[0] - 1
-        i = block[ROW + axis]
-        return edge[i * pieces >> kind], edge[(i + 1) * pieces >> kind]
-    first = block[R0 + 2 * axis]
-    if kind == MANY:
-        return edge[first], edge[block[R1 + 2 * axis]]
-    low, width = edge[first], edge[first + 1] - edge[first]
-    share = width / (1 << (kind - PIECE))
-    i = block[ROW + axis]
-    return low + share * i, low + share * (i + 1)
-
-
-@kernel
-def k_children(block: IntArray, level: int, pieces: int, out: IntArray) -> int:
-    """Rows of the children of a block; returns their number."""
-    kind = block[KIND]
-    n = 0
-    if kind < level:
-        for v in range(2):
-            for u in range(2):
-                out[n, FACE], out[n, KIND] = block[FACE], kind + 1
-                out[n, ROW], out[n, COL] = 2 * block[ROW] + v, 2 * block[COL] + u
-                n += 1
-        return n
-    if kind >= PIECE:
-        for v in range(2):
-            for u in range(2):
-                out[n] = block
-                out[n, KIND] = kind + 1
-                out[n, ROW], out[n, COL] = 2 * block[ROW] + v, 2 * block[COL] + u
-                n += 1
-        return n
-    if kind == level:
-        r0, r1 = block[ROW] * pieces >> kind, (block[ROW] + 1) * pieces >> kind
-        c0, c1 = block[COL] * pieces >> kind, (block[COL] + 1) * pieces >> kind
-    else:
-        r0, r1, c0, c1 = block[R0], block[R1], block[C0], block[C1]
-    r_mid, c_mid = (r0 + r1 + 1) // 2, (c0 + c1 + 1) // 2
-    for v in range(2):
-        for u in range(2):
-            a, b = (r0, r_mid) if v == 0 else (r_mid, r1)
-            c, d = (c0, c_mid) if u == 0 else (c_mid, c1)
-            if a < b and c < d:
-                out[n, FACE] = block[FACE]
-                out[n, KIND] = PIECE if b - a == 1 and d - c == 1 else MANY
-                out[n, ROW] = out[n, COL] = 0
-                out[n, R0], out[n, R1], out[n, C0], out[n, C1] = a, b, c, d
-                n += 1
-    return n
-
-
-@kernel
-def k_piece_mass(padded: Float32Array, edge: Float64Array, texel: IntArray, face: int, r: int, c: int,
-                 s0: float, s1: float, t0: float, t1: float, out: Float64Array) -> None:
-    # adds a bound of the integral of abs(L) over a part of a piece
+    sm, tm = 0.5 * (s0 + s1), 0.5 * (t0 + t1)
+    hs, ht = 0.5 * (s1 - s0), 0.5 * (t1 - t0)
     half = 0.5 * (padded.shape[1] - 2)
-    near_s = max(0.0, max(s0, -s1))
-    near_t = max(0.0, max(t0, -t1))
-    area = (s1 - s0) * (t1 - t0) * k_jacobian(near_s, near_t)
-    x = 0.5 * (s0 + s1 + 2.0) * half + 0.5 - texel[c]
-    y = 0.5 * (t0 + t1 + 2.0) * half + 0.5 - texel[r]
-    for ch in range(3):
-        top = abs(padded[face, texel[r], texel[c], ch]) * (1.0 - x)
-        top += abs(padded[face, texel[r], texel[c] + 1, ch]) * x
-        low = abs(padded[face, texel[r] + 1, texel[c], ch]) * (1.0 - x)
-        low += abs(padded[face, texel[r] + 1, texel[c] + 1, ch]) * x
-        out[ch] += area * (top * (1.0 - y) + low * y)
+    first_row, first_col = 0, 0
+    if b < 0:
+        first_row, first_col = texel[block[R0]], texel[block[C0]]
+    a0 = a1 = a2 = b0 = b1 = b2 = 0.0
+    k = 0
+    for j in range(P):
+        t = tm + ht * NODES[j]
+        for i in range(P):
+            s = sm + hs * NODES[i]
+            n = 1.0 / math.sqrt(1.0 + s * s + t * t)
+            z = (basis[0, 2] + s * basis[1, 2] + t * basis[2, 2]) * n
+            g = f = 0.0
+            if z > 0.0:
+                if diffuse:
+                    g = z
+                else:
+                    x = (basis[0, 0] + s * basis[1, 0] + t * basis[2, 0]) * n
+                    y = (basis[0, 1] + s * basis[1, 1] + t * basis[2, 1]) * n
+                    g, f = k_lobe(x, y, z, wo[0], wo[1], wo[2], lobe)
+                    g *= z
+                    f *= g
+            v[k], w[k] = g, f
+            if b >= 0:
+                w0, w1, w2 = weights[b, k, 0], weights[b, k, 1], weights[b, k, 2]
+            else:
+                area = hs * ht * GAUSS[i] * GAUSS[j] * n * n * n
+                k_radiance(
+                    padded,
+                    block[FACE],
+                    first_row,
+                    first_col,
+                    (s + 1.0) * half + 0.5 - first_col,
+                    (t + 1.0) * half + 0.5 - first_row,
+                    value,
+                )
+                w0, w1, w2 = area * value[0], area * value[1], area * value[2]
+            a0 += w0 * g
+            a1 += w1 * g
+            a2 += w2 * g
+            b0 += w0 * f
+            b1 += w1 * f
+            b2 += w2 * f
+            k += 1
+    value[0] = plain[0] * a0 + schlick[0] * b0
+    value[1] = plain[1] * a1 + schlick[1] * b1
+    value[2] = plain[2] * a2 + schlick[2] * b2
 
 
 @kernel
-def k_measure(block: IntArray, padded: Float32Array, edge: Float64Array, texel: IntArray, level: int,
-              weights: Float64Array, mass: Float64Array, frame: Float64Array, wo: Float64Array,
-              lobe: Float64Array, diffuse: bool, plain: Float64Array, schlick: Float64Array,
-              basis: Float64Array, v: Float64Array, w: Float64Array, value: Float64Array,
-              error: Float64Array) -> int:
-    """Value and error bound (3,) of a block, eqs. (1)-(2); returns the evaluations spent.
+def k_measure(
+    block: IntArray,
+    padded: Float32Array,
+    edge: Float64Array,
+    texel: IntArray,
+    level: int,
+    weights: Float64Array,
+    mass: Float64Array,
+    rough: Float64Array,
+    frame: Float64Array,
+    wo: Float64Array,
+    lobe: Float64Array,
+    diffuse: bool,
+    plain: Float64Array,
+    schlick: Float64Array,
+    basis: Float64Array,
+    v: Float64Array,
+    w: Float64Array,
+    value: Float64Array,
+    error: Float64Array,
+) -> int:
+    """Value and error bound (3,) of a block, eqs. (1)-(3); returns the evaluations spent.
 
-    The lobe's colour: f = plain v + schlick v w, with v the lobe without F and w the Schlick weight.
+    The lobe's colour: f = plain v + schlick v w, v the lobe without F, w the Schlick weight.
     """
     value[:] = 0.0
     error[:] = 0.0
-    face, kind = block[FACE], block[KIND]
     s0, s1 = k_interval(edge, block, 1, level)
     t0, t1 = k_interval(edge, block, 0, level)
-    k_face_basis(face, frame, lobe[4], basis)
-
-    # the block as a cone, and the exact signs of wi.n at its corners
-    sm, tm = 0.5 * (s0 + s1), 0.5 * (t0 + t1)
-    norm = 1.0 / math.sqrt(1.0 + sm * sm + tm * tm)
-    rho2, lowest, highest = 0.0, math.inf, -math.inf
-    for i in range(4):
-        s, t = (s1 if i & 1 else s0), (t1 if i & 2 else t0)
-        n = 1.0 / math.sqrt(1.0 + s * s + t * t)
-        da, ds, dt = n - norm, s * n - sm * norm, t * n - tm * norm
-        rho2 = max(rho2, da * da + ds * ds + dt * dt)
-        z = basis[0, 2] + s * basis[1, 2] + t * basis[2, 2]
-        lowest, highest = min(lowest, z), max(highest, z)
+    k_face_basis(block[FACE], frame, lobe[4], basis)
+    rho, lowest, highest = k_cone(s0, s1, t0, t1, basis, v)
     if highest <= 0.0:
         return 0
-    crossing = lowest < 0.0
-    rho = math.sqrt(rho2)
-    cx = (basis[0, 0] + sm * basis[1, 0] + tm * basis[2, 0]) * norm
-    cy = (basis[0, 1] + sm * basis[1, 1] + tm * basis[2, 1]) * norm
-    cz = (basis[0, 2] + sm * basis[1, 2] + tm * basis[2, 2]) * norm
+    cx, cy, cz = v[0], v[1], v[2]
     if diffuse:
-        bound, rest, fresnel, followed, power = min(cz + rho, 1.0), 1.0, 0.0, True, 1.0
+        bound, rest, fresnel, width, near = min(cz + rho, 1.0), 1.0, 0.0, rho, 1.0 / rho
+        power = 1.0
     else:
-        bound, rest, fresnel, followed = k_lobe_bound(cx, cy, cz, rho, wo, lobe)
+        bound, rest, fresnel, width, near = k_lobe_bound(cx, cy, cz, rho, wo, lobe)
         power = 1.0 - lobe[3]
         if bound == 0.0:
             return 0
-
-    # integral of abs(L), here in `error`
+    kind = block[KIND]
+    b = -1
     if kind <= level:
-        b = k_block_index(kind, face, block[ROW], block[COL])
+        b = k_block_index(kind, block[FACE], block[ROW], block[COL])
         for ch in range(3):
-            error[ch] = mass[b, ch]
-    elif kind == MANY:
-        b = -1
-        for r in range(block[R0], block[R1]):
-            for c in range(block[C0], block[C1]):
-                k_piece_mass(padded, edge, texel, face, r, c, edge[c], edge[c + 1], edge[r],
-                             edge[r + 1], error)
+            error[ch] = mass[b, ch]  # the integral of abs(L), until the last lines
     else:
-        b = -1
-        k_piece_mass(padded, edge, texel, face, block[R0], block[C0], s0, s1, t0, t1, error)
-
+        k_block_mass(block, padded, edge, texel, s0, s1, t0, t1, error)
+    top, top_w = bound, bound * fresnel
+    mean = mean_w = whole = whole_w = math.inf
     used = 0
-    gap, gap_w = bound, bound * fresnel
-    if followed and kind != MANY:
+    if width <= FLAT and kind != MANY:
         used = P * P
-        hs, ht = 0.5 * (s1 - s0), 0.5 * (t1 - t0)
-        half = 0.5 * (padded.shape[1] - 2)
-        light = np.empty(3)
-        coloured = schlick[0] != 0.0 or schlick[1] != 0.0 or schlick[2] != 0.0
-        a0 = a1 = a2 = b0 = b1 = b2 = 0.0
-        k = 0
-        for j in range(P):
-            t = tm + ht * NODES[j]
-            for i in range(P):
-                s = sm + hs * NODES[i]
-                n = 1.0 / math.sqrt(1.0 + s * s + t * t)
-                z = (basis[0, 2] + s * basis[1, 2] + t * basis[2, 2]) * n
-                g = f = 0.0
-                if z > 0.0:
-                    if diffuse:
-                        g = z
-                    else:
-                        x = (basis[0, 0] + s * basis[1, 0] + t * basis[2, 0]) * n
-                        y = (basis[0, 1] + s * basis[1, 1] + t * basis[2, 1]) * n
-                        g, f = k_lobe(x, y, z, wo[0], wo[1], wo[2], lobe)
-                        g *= z
-                        f *= g
-                v[k], w[k] = g, f
-                if b >= 0:
-                    w0, w1, w2 = weights[b, k, 0], weights[b, k, 1], weights[b, k, 2]
-                else:
-                    area = hs * ht * GAUSS[i] * GAUSS[j] * n * n * n
-                    k_radiance(padded, face, texel[block[R0]], texel[block[C0]],
-                               (s + 1.0) * half + 0.5 - texel[block[C0]],
-                               (t + 1.0) * half + 0.5 - texel[block[R0]], light)
-                    w0, w1, w2 = area * light[0], area * light[1], area * light[2]
-                a0 += w0 * g
-                a1 += w1 * g
-                a2 += w2 * g
-                b0 += w0 * f
-                b1 += w1 * f
-                b2 += w2 * f
-                k += 1
-        if crossing:
-            share = KINK * power + (1.0 - power)
-            gap = min(gap, k_tail(v, False) + share * rest * rho**power)
-            gap = min(gap, bound)
-            gap_w = gap * fresnel
+        k_nodes(
+            block,
+            s0,
+            s1,
+            t0,
+            t1,
+            padded,
+            texel,
+            weights,
+            b,
+            basis,
+            wo,
+            lobe,
+            diffuse,
+            plain,
+            schlick,
+            v,
+            w,
+            value,
+        )
+        if lowest < 0.0:
+            top, mean, whole = k_kink(power, rest, rho, bound, width)
+            top_w, mean_w, whole_w = top * fresnel, mean * fresnel, whole * fresnel
         else:
-            analytic = power == 1.0 or power == 0.0 or cz > 2.0 * rho
-            gap = min(gap, k_tail(v, analytic))
-            if coloured:
-                gap_w = min(gap_w, k_tail(w, analytic))
-        value[0] = plain[0] * a0 + schlick[0] * b0
-        value[1] = plain[1] * a1 + schlick[1] * b1
-        value[2] = plain[2] * a2 + schlick[2] * b2
+            decay = k_decay(near)
+            top, mean, whole = k_tail(v, decay)
+            if schlick[0] != 0.0 or schlick[1] != 0.0 or schlick[2] != 0.0:
+                top_w, mean_w, whole_w = k_tail(w, decay)
+            else:
+                top_w = mean_w = whole_w = 0.0
     for ch in range(3):
-        error[ch] *= plain[ch] * gap + abs(schlick[ch]) * gap_w
+        light, p, q = error[ch], plain[ch], abs(schlick[ch])
+        loose = rough[b, ch] if b >= 0 else BILINEAR * rho * rho * rho * light
+        error[ch] = light * (p * top + q * top_w)
+        if used:
+            fine = loose * (p * mean + q * mean_w) + light * (p * whole + q * whole_w)
+            error[ch] = min(error[ch], fine)
     return used
 
 
@@ -294,15 +272,31 @@ def k_pop(keys: Float64Array, slots: IntArray, n: int) -> int:
 
 
 @parallel_kernel
-def _integrate(frames: Float64Array, views: Float64Array, lobe: Float64Array, diffuse: bool,
-               plain: Float64Array, schlick: Float64Array, padded: Float32Array, edge: Float64Array,
-               texel: IntArray, level: int, weights: Float64Array, mass: Float64Array,
-               tolerance: float, floor: float, work: int, radiance: Float64Array,
-               bound: Float64Array, evaluations: IntArray) -> None:
+def _integrate(
+    frames: Float64Array,
+    views: Float64Array,
+    lobe: Float64Array,
+    diffuse: bool,
+    plain: Float64Array,
+    schlick: Float64Array,
+    padded: Float32Array,
+    edge: Float64Array,
+    texel: IntArray,
+    level: int,
+    weights: Float64Array,
+    mass: Float64Array,
+    rough: Float64Array,
+    tolerance: float,
+    floor: float,
+    work: int,
+    radiance: Float64Array,
+    bound: Float64Array,
+    evaluations: IntArray,
+) -> None:
     # (K, 3, 3), (K, 3); adds to radiance and bound (K, 3), evaluations (K,)
     points = views.shape[0]
     chunks = min(points, CHUNKS)
-    room = work // 8 + 64
+    room = min(work // 8, ROOM) + 64
     for chunk in numba.prange(chunks):
         blocks = np.empty((room, 8), np.int64)
         values, errors = np.empty((room, 3)), np.empty((room, 3))
@@ -324,8 +318,27 @@ def _integrate(frames: Float64Array, views: Float64Array, lobe: Float64Array, di
             n = 6
             while True:
                 for i in range(n):
-                    cost = k_measure(children[i], padded, edge, texel, level, weights, mass, frame,
-                                     wo, lobe, diffuse, plain, schlick, basis, v, w, value, error)
+                    cost = k_measure(
+                        children[i],
+                        padded,
+                        edge,
+                        texel,
+                        level,
+                        weights,
+                        mass,
+                        rough,
+                        frame,
+                        wo,
+                        lobe,
+                        diffuse,
+                        plain,
+                        schlick,
+                        basis,
+                        v,
+                        w,
+                        value,
+                        error,
+                    )
                     spent += cost + 1
                     evaluations[point] += cost
                     key = error[0] + error[1] + error[2]
@@ -359,7 +372,7 @@ def _integrate(frames: Float64Array, views: Float64Array, lobe: Float64Array, di
                             missing += errors[slot, ch]
                     if missing <= tolerance * max(abs(total), floor):
                         break
-                if in_heap == 0 or spent > work or in_heap + 8 > room:
+                if in_heap == 0 or spent >= work or in_heap + 8 > room:
                     break
                 steps += 1
                 slot = k_pop(keys, heap, in_heap)
@@ -376,12 +389,17 @@ def _integrate(frames: Float64Array, views: Float64Array, lobe: Float64Array, di
                     a += values[heap[i], ch]
                     e += errors[heap[i], ch]
                 radiance[point, ch] += a
-                bound[point, ch] += e
+                bound[point, ch] += e + ROUNDING * abs(a)
 
 
-def integrate(frames: Float64Array, views: Float64Array, material: PackedMaterial,
-              tree: RadianceTree, tolerance: float, work: int,
-              ) -> tuple[Float64Array, Float64Array, IntArray]:
+def integrate(
+    frames: Float64Array,
+    views: Float64Array,
+    material: PackedMaterial,
+    tree: RadianceTree,
+    tolerance: float,
+    work: int,
+) -> tuple[Float64Array, Float64Array, IntArray]:
     """Outgoing radiance (K, 3), its bound (K, 3) and the BSDF evaluations spent (K,).
 
     ``frames`` (K, 3, 3): tangent, bitangent, normal in world coordinates; ``views`` (K, 3): local
@@ -405,7 +423,25 @@ def integrate(frames: Float64Array, views: Float64Array, material: PackedMateria
             jobs.append((lobe, False, rest, -rest, ks))
     for lobe, diffuse, plain, schlick, albedo in jobs:
         floor = FLOOR * float(albedo @ level0)
-        _integrate(frames, views, _check.frozen(lobe), diffuse, _check.frozen(plain),
-                   _check.frozen(schlick), tree.padded, tree.edge, tree.texel, tree.level,
-                   tree.weights, tree.mass, tolerance, floor, work, radiance, bound, evaluations)
+        _integrate(
+            frames,
+            views,
+            _check.frozen(lobe),
+            diffuse,
+            _check.frozen(plain),
+            _check.frozen(schlick),
+            tree.padded,
+            tree.edge,
+            tree.texel,
+            tree.level,
+            tree.weights,
+            tree.mass,
+            tree.rough,
+            tolerance,
+            floor,
+            work,
+            radiance,
+            bound,
+            evaluations,
+        )
     return radiance, bound, evaluations
