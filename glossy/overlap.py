@@ -11,10 +11,11 @@ whatever the accuracy along one edge. A texel's edge is an arc of a great circle
 constants kx, kz, azimuth phi = atan2(x, -z), and ::
 
     tan(lat) = T(phi) = kx sin(phi) + kz cos(phi),   y = T / sqrt(1 + T^2)                      (2)
-    integral y d phi = atan(S / sqrt(1 + T^2)),      S = kz sin(phi) - kx cos(phi)              (3)
+    dy/dphi = T' / (1 + T^2)^(3/2),                  T' = kx cos(phi) - kz sin(phi)             (3)
 
-``TEXELS``: f is constant on each texel of the picture; G is linear in y and (3) is exact; where an
-edge crosses from row to row inside one column, y is taken as linear between the ends of the piece.
+``TEXELS``: f is constant on each texel of the picture, so G is linear in y along an edge but for
+kinks where it enters another row; T being a sinusoid, those are found by a quadratic equation, and
+the integral of y is that of the cubic through its ends and slopes.
 ``CENTRES``, ``POLES``: f is bilinear, the edge is integrated by two Gauss points a piece. The rows
 of ``CENTRES`` are half a texel from the poles, and f is linear in y between the nodes ::
 
@@ -103,31 +104,39 @@ def _texel_piece(
     nodes: Float64Array,
     k: int,
     r: int,
-    ya: float,
-    yb: float,
     h: float,
-    integral_y: float,
+    a: tuple[float, float],
+    b: tuple[float, float],
+    t: float,
+    derivative: float,
 ) -> tuple[int, float, float, float]:
-    # integral of G d phi over a piece inside column k that starts in row r -> row of its end, RGB
-    below = nodes[r] * h - integral_y
+    # integral of G d phi over a piece of length h inside column k that starts in row r; a, b: y,
+    # its slope and sin(theta) at the ends; t, derivative: T and dT/dphi at b
+    # -> row of its end, RGB
+    integral = h * (0.5 * (a[0] + b[0]) + h * (a[1] - b[1]) * (1.0 / 12.0))
+    below = nodes[r] * h - integral
     red = cumulated[r, k, 0] * h + pixels[r, k, 0] * below
     green = cumulated[r, k, 1] * h + pixels[r, k, 1] * below
     blue = cumulated[r, k, 2] * h + pixels[r, k, 2] * below
     last = pixels.shape[0] - 1
-    while r < last and yb < nodes[r + 1]:
-        e = nodes[r + 1] - yb
-        kink = 0.5 * e * e * h / (ya - yb)
-        red += (np.float64(pixels[r + 1, k, 0]) - pixels[r, k, 0]) * kink
-        green += (np.float64(pixels[r + 1, k, 1]) - pixels[r, k, 1]) * kink
-        blue += (np.float64(pixels[r + 1, k, 2]) - pixels[r, k, 2]) * kink
-        r += 1
-    while r > 0 and yb > nodes[r]:
-        e = yb - nodes[r]
-        kink = 0.5 * e * e * h / (yb - ya)
-        red += (np.float64(pixels[r, k, 0]) - pixels[r - 1, k, 0]) * kink
-        green += (np.float64(pixels[r, k, 1]) - pixels[r - 1, k, 1]) * kink
-        blue += (np.float64(pixels[r, k, 2]) - pixels[r - 1, k, 2]) * kink
-        r -= 1
+    while (r < last and b[0] < nodes[r + 1]) or (r > 0 and b[0] > nodes[r]):
+        down = b[0] < nodes[r]
+        m = r + 1 if down else r
+        y = nodes[m]
+        sine = math.sqrt(1.0 - y * y)
+        # the last part of the piece, beyond the row's border: T there is a sinusoid to d^3
+        gap = y / sine - t
+        root = math.sqrt(max(derivative * derivative - 2.0 * t * gap, 0.0))
+        d = -2.0 * gap / (derivative + (root if derivative >= 0.0 else -root))
+        d = min(max(d, 0.0), h) if h > 0.0 else max(min(d, 0.0), h)
+        slope = (derivative * (1.0 - 0.5 * d * d) + t * d) * sine * sine * sine
+        kink = d * (0.5 * (y - b[0]) - d * (slope - b[1]) * (1.0 / 12.0))
+        if not down:
+            kink = -kink
+        red += (np.float64(pixels[m, k, 0]) - pixels[m - 1, k, 0]) * kink
+        green += (np.float64(pixels[m, k, 1]) - pixels[m - 1, k, 1]) * kink
+        blue += (np.float64(pixels[m, k, 2]) - pixels[m - 1, k, 2]) * kink
+        r += 1 if down else -1
     return r, red, green, blue
 
 
@@ -243,10 +252,10 @@ def _walk_texels(
     width = pixels.shape[1]
     curved = math.sqrt(kx * kx + kz * kz)
     sa, ca = _azimuth(base, step, first, size)
-    t, derivative = kx * sa + kz * ca, kx * ca - kz * sa
-    qa = 1.0 / math.sqrt(1.0 + t * t)
-    ya, slope_a = t * qa, derivative * qa * qa * qa
-    row = _first_row(ya, nodes)
+    ta, da = kx * sa + kz * ca, kx * ca - kz * sa
+    q = 1.0 / math.sqrt(1.0 + ta * ta)
+    a = (ta * q, da * q * q * q)
+    row = _first_row(a[0], nodes)
     p = math.atan2(sa, ca) * (width / (2.0 * math.pi))
     column = (math.floor(p) if sense > 0 else math.ceil(p) - 1) % width
     border = column if sense < 0 else (column + 1 if column + 1 < width else 0)
@@ -261,17 +270,25 @@ def _walk_texels(
             if ends_here:
                 sb, cb = sv, cv
             h = _angle(sb * ca - cb * sa)
-            t, derivative = kx * sb + kz * cb, kx * cb - kz * sb
-            qb = 1.0 / math.sqrt(1.0 + t * t)
-            yb, slope_b = t * qb, derivative * qb * qb * qb
-            if abs(h) * curved < 0.0625 * (1.0 + abs(t)):  # eq. (3) to h^5: trapezoid and slopes
-                integral = h * (0.5 * (ya + yb) + h * (slope_a - slope_b) * (1.0 / 12.0))
-            else:
-                start = math.atan((kz * sa - kx * ca) * qa)
-                integral = math.atan((kz * sb - kx * cb) * qb) - start
-            row, r, g, b = _texel_piece(pixels, cumulated, nodes, column, row, ya, yb, h, integral)
-            red, green, blue = red + r, green + g, blue + b
-            sa, ca, qa, ya, slope_a = sb, cb, qb, yb, slope_b
+            tb, db = kx * sb + kz * cb, kx * cb - kz * sb
+            parts, sine, cosine = 1, 0.0, 1.0
+            bend, flat = 16.0 * abs(h) * curved, 1.0 + min(abs(ta), abs(tb))
+            if bend > flat or da * db < 0.0:
+                parts = min(4 + int(bend / flat), 256)
+                h /= parts
+                sine, cosine = math.sin(h), math.cos(h)
+            for part in range(1, parts + 1):
+                t, d = (
+                    (tb, db)
+                    if part == parts
+                    else (ta * cosine + da * sine, da * cosine - ta * sine)
+                )
+                q = 1.0 / math.sqrt(1.0 + t * t)
+                b = (t * q, d * q * q * q)
+                row, x, y, z = _texel_piece(pixels, cumulated, nodes, column, row, h, a, b, t, d)
+                red, green, blue = red + x, green + y, blue + z
+                a, ta, da = b, t, d
+            sa, ca = sb, cb
             if not ends_here:
                 column += sense
                 if column == width:
@@ -302,8 +319,10 @@ def _walk_bilinear(
         return
     width = pixels.shape[1]
     per_radian = width / (2.0 * math.pi)
+    per_row = pixels.shape[0] / math.pi
     curved = math.sqrt(kx * kx + kz * kz)
     sa, ca = _azimuth(base, step, first, size)
+    ta = kx * sa + kz * ca
     p = (math.atan2(sa, ca) - math.atan2(columns[0, 0], columns[0, 1])) * per_radian
     cell = math.floor(p) if sense > 0 else math.ceil(p) - 1
     fraction = p - cell
@@ -320,8 +339,10 @@ def _walk_bilinear(
             if ends_here:
                 sb, cb = sv, cv
             h = _angle(sb * ca - cb * sa)
-            flat = 1.0 + min(abs(kx * sa + kz * ca), abs(kx * sb + kz * cb))
-            parts = min(1 + int(16.0 * abs(h) * curved / flat), 4096)
+            t = kx * sb + kz * cb
+            rows = abs(math.atan2((ta - t), 1.0 + ta * t)) * per_row
+            flat = 1.0 + min(abs(ta), abs(t))
+            parts = min(1 + int(max(2.0 * rows, 16.0 * abs(h) * curved / flat)), 4096)
             part = h / parts
             for i in range(2 * parts):
                 d = part * (i // 2 + 0.5 + (GAUSS if i % 2 else -GAUSS))
@@ -334,7 +355,7 @@ def _walk_bilinear(
                 red += 0.5 * part * r
                 green += 0.5 * part * g
                 blue += 0.5 * part * b
-            sa, ca = sb, cb
+            sa, ca, ta = sb, cb, kx * sb + kz * cb
             fraction += h * per_radian
             if not ends_here:
                 fraction = 0.0 if sense > 0 else 1.0

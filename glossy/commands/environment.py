@@ -112,15 +112,12 @@ def _read(args: argparse.Namespace) -> tuple["CubeMap", dict[str, Any]]:
     source = read_source(args.input, args.input_layout, *policies, args.encoding)
     cube = source.to_cube(256 if args.size is None else args.size, orientation)
     before = source.power(orientation)
-    report = {
-        "layout": source.layout,
-        "width": source.pixels.shape[-2],
-        "height": source.pixels.shape[-3],
-        "orientation": orientation,
-        "source_power": before.tolist() if np.isfinite(before).all() else None,
-        "negative": source.negative,
-        "nonfinite": source.nonfinite,
-    }
+    report: dict[str, Any] = {"layout": source.layout, "source_size": source.size}
+    if source.layout == "latlong":
+        height, width = source.pixels.shape[:2]
+        report |= {"width": width, "height": height, "orientation": orientation}
+    report["source_power"] = before.tolist() if np.isfinite(before).all() else None
+    report |= {"negative": source.negative, "nonfinite": source.nonfinite}
     return cube, report
 
 
@@ -153,10 +150,11 @@ def _text(report: dict[str, Any]) -> str:
     if report["layout"] == "built-in":
         lines.append(f"{report['input']}: built-in, cube map of {report['size']}")
     else:
-        shape = f"{report['width']} x {report['height']}"
+        shape = f"faces of {report['source_size']}"
+        if report["layout"] == "latlong":
+            shape = f"{report['width']} x {report['height']}, orientation {report['orientation']}"
         lines.append(
-            f"{report['input']}: {report['layout']} {shape}, {report['orientation']}; "
-            f"cube map of {report['size']}"
+            f"{report['input']}: {report['layout']}, {shape}; cube map of {report['size']}"
         )
         if report["source_power"] is not None:
             lines.append(f"power of the source: {rgb(report['source_power'])}")
