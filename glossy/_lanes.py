@@ -18,6 +18,7 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
 FLOAT4 = ir.VectorType(ir.FloatType(), 4)
+FLOAT8 = ir.VectorType(ir.FloatType(), 8)
 FLOAT16 = ir.VectorType(ir.FloatType(), 16)
 CONTRACT = ("contract",)
 
@@ -56,28 +57,64 @@ def _load(builder: Any, data: Any, index: Any, vector: Any = FLOAT4) -> tuple[An
     return value, pointer
 
 
-def _add_texels(
-    _typing: Any, buffer: Any, corners: Any, weights: Any, w: Any, scratch: Any, at: Any
-) -> Any:
-    """``scratch[at:at+4] += w * sum_k weights[k] * buffer[corners[k]:corners[k]+4]``.
+def _pair(builder: Any, left: Any, right: Any) -> Any:
+    """Four lanes of ``left``, then four of ``right``."""
+    order = ir.Constant(ir.VectorType(ir.IntType(32), 8), [0] * 4 + [8] * 4)
+    zero = ir.Constant(ir.IntType(32), 0)
+    nothing = ir.Constant(FLOAT8, ir.Undefined)
+    ends = [builder.insert_element(nothing, x, zero) for x in (left, right)]
+    return builder.shuffle_vector(*ends, order)
 
-    ``corners`` is a tuple of indices, ``weights`` one of as many float32.
+
+def _trilinear(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    """The weighted sum of ``add_texels``, before left and right are added."""
+    texels = _make_array(signature.args[0])(context, builder, arguments[0]).data
+    total: Any = None
+    for level in range(2):
+        at = [builder.extract_value(arguments[1], 2 * level + k) for k in range(2)]
+        down, left, right = (builder.extract_value(arguments[2], 3 * level + k) for k in range(3))
+        top, low = (_load(builder, texels, x, FLOAT8)[0] for x in at)
+        step = builder.fmul(builder.fsub(low, top), _splat(builder, down, FLOAT8), flags=CONTRACT)
+        row = builder.fadd(top, step, flags=CONTRACT)
+        part = builder.fmul(row, _pair(builder, left, right), flags=CONTRACT)
+        total = part if total is None else builder.fadd(total, part, flags=CONTRACT)
+    return total
+
+
+def _accumulate(context: Any, builder: Any, scratch: Any, value: Any, at: Any, term: Any) -> None:
+    lanes = _make_array(scratch)(context, builder, value).data
+    before, pointer = _load(builder, lanes, at, FLOAT8)
+    builder.store(builder.fadd(before, term, flags=CONTRACT), pointer).align = 4
+
+
+def _add_texels(_typing: Any, buffer: Any, at: Any, weights: Any, scratch: Any, to: Any) -> Any:
+    """Add one weighted trilinear lookup to ``scratch[to:to+8]``.
+
+    ``at``: places of the upper and lower left texel, finer level first. ``weights``: fraction down,
+    weight left, weight right, of the finer and of the coarser level. The left texels' sum goes to
+    the first four numbers, the right texels' to the last four.
     """
-    signature = types.void(buffer, corners, weights, w, scratch, at)
+    signature = types.void(buffer, at, weights, scratch, to)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        texels = _make_array(signature.args[0])(context, builder, arguments[0]).data
-        lanes = _make_array(signature.args[4])(context, builder, arguments[4]).data
-        total: Any = None
-        for k in range(len(signature.args[1])):
-            texel, _ = _load(builder, texels, builder.extract_value(arguments[1], k))
-            weight = _splat(builder, builder.extract_value(arguments[2], k))
-            product = builder.fmul(texel, weight, flags=CONTRACT)
-            total = product if total is None else builder.fadd(total, product, flags=CONTRACT)
-        before, pointer = _load(builder, lanes, arguments[5])
-        scaled = builder.fmul(total, _splat(builder, arguments[3]), flags=CONTRACT)
-        after = builder.store(builder.fadd(before, scaled, flags=CONTRACT), pointer)
-        after.align = 4
+        total = _trilinear(context, builder, signature, arguments)
+        _accumulate(context, builder, signature.args[3], arguments[3], arguments[4], total)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+def _add_texels2(
+    _typing: Any, buffer: Any, at: Any, weights: Any, factor: Any, scratch: Any, to: Any, to2: Any
+) -> Any:
+    """As ``add_texels``, and the same times ``factor`` to ``scratch[to2:to2+8]``."""
+    signature = types.void(buffer, at, weights, factor, scratch, to, to2)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        total = _trilinear(context, builder, signature, arguments)
+        scaled = builder.fmul(total, _splat(builder, arguments[3], FLOAT8), flags=CONTRACT)
+        for place, term in ((arguments[5], total), (arguments[6], scaled)):
+            _accumulate(context, builder, signature.args[4], arguments[4], place, term)
         return context.get_dummy_value()
 
     return signature, generate
@@ -130,5 +167,6 @@ def _filter_row(vector: Any) -> Callable[..., Any]:
 bits: Any = intrinsic(_bits)
 from_bits: Any = intrinsic(_from_bits)
 add_texels: Any = intrinsic(_add_texels)
+add_texels2: Any = intrinsic(_add_texels2)
 filter_row4: Any = intrinsic(_filter_row(FLOAT4))
 filter_row16: Any = intrinsic(_filter_row(FLOAT16))

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._jit import Scalar, kernel, parallel_kernel
-from ._lanes import add_texels, bits, from_bits
+from ._lanes import add_texels, add_texels2, bits, from_bits
 from .footprint import JACOBIAN, PAPER, k_lobe_area
 from .pyramid import Pyramid
 from .seams import PAD
@@ -40,12 +40,14 @@ T = 64
 # rows of the scratch array, T numbers each
 (TX, TY, TZ, BX, BY, BZ, NX, NY, NZ, OX, OY, OZ, AREA,
  COS, WX, WY, WZ, GAIN, SCHLICK, FACE, U, V, D, LEVEL,
- A0, A1, B0, B1, WA0, WA1, WA2, WA3, WB0, WB1, WB2, WB3) = (T * k for k in range(36))  # fmt: skip
-PLAIN = T * 36  # four rows: sum of w L, RGBA per pixel
-FRESNEL = T * 40  # four rows: sum of w s L
-SCRATCH = T * 44
+ A0, A1, AV, AL, AR, B0, B1, BV, BL, BR) = (T * k for k in range(34))  # fmt: skip
+PLAIN = T * 34  # eight rows: sum of w L, the RGBA of left and right texels per pixel
+FRESNEL = T * 42  # eight rows: sum of w s L
+SCRATCH = T * 50
 
 ZERO, HALF, ONE, TWO, FOUR = (np.float32(v) for v in (0.0, 0.5, 1.0, 2.0, 4.0))
+TINY = np.float32(1e-30)
+MARGIN = np.float32(PAD - 0.5)
 INV_LN2 = np.float32(1.0 / math.log(2.0))
 LN2 = np.float32(math.log(2.0))
 SQRT2 = np.float32(math.sqrt(2.0))
@@ -58,8 +60,8 @@ MANTISSA, EXPONENT_ONE = np.int32(0x7FFFFF), np.int32(127 << 23)
 def _log2(x: Scalar) -> Scalar:
     """log2 of a positive float32, to 2e-7 absolute near 1 and half an ulp of the result beyond."""
     b = bits(x)
-    e = np.float32((b >> np.int32(23)) - np.int32(127))
-    a = from_bits((b & MANTISSA) | EXPONENT_ONE)
+    e = np.float32(np.int32(np.int32(b >> 23) - 127))
+    a = from_bits(np.int32(np.int32(b & MANTISSA) | EXPONENT_ONE))
     high = a > SQRT2
     a = a * HALF if high else a
     e = e + ONE if high else e
@@ -75,7 +77,7 @@ def _exp2(x: Scalar) -> Scalar:
     whole = np.floor(x + HALF)
     f = x - whole
     series = ONE + f * (E1 + f * (E2 + f * (E3 + f * (E4 + f * (E5 + f * E6)))))
-    return series * from_bits((np.int32(whole) + np.int32(127)) << np.int32(23))
+    return series * from_bits(np.int32(np.int32(np.int32(whole) + 127) << 23))
 
 
 @kernel
@@ -118,7 +120,9 @@ def _load_frames(
 
 
 @kernel
-def _directions(s: Float32Array, tap: Float32Array, side: Scalar, alpha: Scalar) -> None:
+def _directions(
+    s: Float32Array, tap: Float32Array, side: Scalar, alpha: Scalar, fresnel: Scalar
+) -> None:
     """Directions in world coordinates, weight without F (0 below the horizon), Schlick's power."""
     hx, hy, hz, gain = tap[0], tap[1], tap[2], tap[3]
     for i in range(T):
@@ -129,24 +133,30 @@ def _directions(s: Float32Array, tap: Float32Array, side: Scalar, alpha: Scalar)
         kept = (c > ZERO) & (iz > ZERO) & (oz > ZERO)
         s[GAIN + i] = gain * iz if kept else ZERO
         s[COS + i] = c
-        s[LEVEL + i] = iz * oz
         up = iz * side
         s[WX + i] = s[TX + i] * ix + s[BX + i] * iy + s[NX + i] * up
         s[WY + i] = s[TY + i] * ix + s[BY + i] * iy + s[NY + i] * up
         s[WZ + i] = s[TZ + i] * ix + s[BZ + i] * iy + s[NZ + i] * up
-        dx, dy, dz = ix - ox, iy - oy, iz - oz
-        x = (dx * dx + dy * dy + dz * dz) / (FOUR * (ONE + c))
-        s[SCHLICK + i] = (x * x) * (x * x) * x
-    if alpha == HALF:
+    if alpha != ZERO:
         for i in range(T):
-            s[GAIN + i] = s[GAIN + i] / math.sqrt(max(s[LEVEL + i], np.float32(1e-30)))
-    elif alpha == ONE:
+            oz = s[OZ + i]
+            iz = TWO * s[COS + i] * hz - oz
+            s[LEVEL + i] = max(iz * oz, TINY)
+        if alpha == HALF:
+            for i in range(T):
+                s[GAIN + i] = s[GAIN + i] / math.sqrt(s[LEVEL + i])
+        elif alpha == ONE:
+            for i in range(T):
+                s[GAIN + i] = s[GAIN + i] / s[LEVEL + i]
+        else:
+            for i in range(T):
+                s[GAIN + i] = s[GAIN + i] * _exp2(-alpha * _log2(s[LEVEL + i]))
+    if fresnel:
         for i in range(T):
-            s[GAIN + i] = s[GAIN + i] / max(s[LEVEL + i], np.float32(1e-30))
-    elif alpha != ZERO:
-        for i in range(T):
-            power = _exp2(-alpha * _log2(max(s[LEVEL + i], np.float32(1e-30))))
-            s[GAIN + i] = s[GAIN + i] * power
+            c = s[COS + i]
+            dx, dy, dz = c * hx - s[OX + i], c * hy - s[OY + i], c * hz - s[OZ + i]
+            x = (dx * dx + dy * dy + dz * dz) / (ONE + c)  # |wi - wo|^2 / (4 (1 + c))
+            s[SCHLICK + i] = (x * x) * (x * x) * x
 
 
 @kernel
@@ -164,8 +174,8 @@ def _faces(s: Float32Array) -> None:
         across = -across if (back & (not on_y)) else across
         down = z if on_y else -y
         down = -down if (back & on_y) else down
-        face = np.int32(4) if on_z else (np.int32(2) if on_y else np.int32(0))
-        s[FACE + i] = from_bits(face + (np.int32(1) if back else np.int32(0)))
+        face = np.int32(6) if on_z else (np.int32(4) if on_y else np.int32(2))  # + 2, see below
+        s[FACE + i] = from_bits(np.int32(face + (np.int32(1) if back else np.int32(0))))
         s[U + i] = HALF * (across * d) + HALF
         s[V + i] = HALF * (down * d) + HALF
         s[D + i] = d
@@ -193,49 +203,48 @@ def _levels(s: Float32Array, footprint: Scalar, spread: Scalar, bias: Scalar, to
 
 @kernel
 def _addresses(s: Float32Array, log_size: Scalar, fine: bool) -> None:
-    """Addresses and weights of the four texels at the level below or above ``LEVEL``."""
-    at0, at1 = (A0, A1) if fine else (B0, B1)
-    w0, w1, w2, w3 = (WA0, WA1, WA2, WA3) if fine else (WB0, WB1, WB2, WB3)
-    for i in range(T):
+    """Addresses and weights of the texels at the level below (``fine``) or above ``LEVEL``.
+
+    With W = n + 4 the levels below n = 2^k fill 2 W^2 + 32 W + 96 k - 210 texels, so that a texel's
+    place is ((face + 2) W + row + 32) W + column + 96 k - 210: no table.
+    """
+    top, low, down, left, right = (A0, A1, AV, AL, AR) if fine else (B0, B1, BV, BL, BR)
+    for i in range(T):  # int32 arithmetic widens to int64 unless each result is cut back
         level = s[LEVEL + i]
         first = np.int32(level)
         f = level - np.float32(first)
-        k = log_size - first if fine else max(log_size - first - np.int32(1), np.int32(0))
-        n = np.int32(1) << k
-        nf = np.float32(n)
-        px, py = s[U + i] * nf - HALF, s[V + i] * nf - HALF
-        fx, fy = np.floor(px), np.floor(py)
-        a, b = px - fx, py - fy
-        width = n + np.int32(2 * PAD)
-        offset = np.int32(2) * (n * n - np.int32(1)) + np.int32(48) * (n - np.int32(1))
-        offset = offset + np.int32(96) * k
-        row = bits(s[FACE + i]) * width + np.int32(fy) + np.int32(PAD)
-        index = np.int32(4) * (offset + row * width + np.int32(fx) + np.int32(PAD))
-        share = ONE - f if fine else f
-        s[at0 + i] = from_bits(index)
-        s[at1 + i] = from_bits(index + np.int32(4) * width)
-        top, low = share * (ONE - b), share * b
-        s[w0 + i], s[w1 + i] = top * (ONE - a), top * a
-        s[w2 + i], s[w3 + i] = low * (ONE - a), low * a
+        k = np.int32(log_size - first)
+        k = k if fine else max(np.int32(k - 1), np.int32(0))
+        n = from_bits(np.int32((k + 127) << 23))
+        x, y = s[U + i] * n + MARGIN, s[V + i] * n + MARGIN
+        col, row = np.int32(x), np.int32(y)
+        width = np.int32(np.int32(n) + 2 * PAD)
+        index = np.int32(np.int32(bits(s[FACE + i]) * width) + np.int32(row + 32))
+        index = np.int32(np.int32(index * width) + np.int32(col + np.int32(96 * k)))
+        index = np.int32(4 * np.int32(index - 210))
+        s[top + i] = from_bits(index)
+        s[low + i] = from_bits(np.int32(index + np.int32(4 * width)))
+        share = s[GAIN + i] * (ONE - f if fine else f)
+        a = share * (x - np.float32(col))
+        s[left + i], s[right + i] = share - a, a
+        s[down + i] = y - np.float32(row)
 
 
 @kernel
 def _look_up(s: Float32Array, buffer: Float32Array, count: Scalar, fresnel: bool) -> None:
     """Trilinear lookup and accumulation, one pixel after the other."""
     for i in range(count):
-        w = s[GAIN + i]
-        if w == ZERO:
+        if s[GAIN + i] == ZERO:
             continue
-        a0, a1 = np.int64(bits(s[A0 + i])), np.int64(bits(s[A1 + i]))
-        b0, b1 = np.int64(bits(s[B0 + i])), np.int64(bits(s[B1 + i]))
-        corners = (a0, a0 + 4, a1, a1 + 4, b0, b0 + 4, b1, b1 + 4)
-        weights = (
-            s[WA0 + i], s[WA1 + i], s[WA2 + i], s[WA3 + i],
-            s[WB0 + i], s[WB1 + i], s[WB2 + i], s[WB3 + i],
+        at = (
+            np.int64(bits(s[A0 + i])), np.int64(bits(s[A1 + i])),
+            np.int64(bits(s[B0 + i])), np.int64(bits(s[B1 + i])),
         )  # fmt: skip
-        add_texels(buffer, corners, weights, w, s, PLAIN + 4 * i)
+        weights = (s[AV + i], s[AL + i], s[AR + i], s[BV + i], s[BL + i], s[BR + i])
         if fresnel:
-            add_texels(buffer, corners, weights, w * s[SCHLICK + i], s, FRESNEL + 4 * i)
+            add_texels2(buffer, at, weights, s[SCHLICK + i], s, PLAIN + 8 * i, FRESNEL + 8 * i)
+        else:
+            add_texels(buffer, at, weights, s, PLAIN + 8 * i)
 
 
 @parallel_kernel
@@ -270,14 +279,14 @@ def shade_tiles(
         _load_frames(s, pixels, start, count, normal, tangent, view)
         for j in range(lobes.shape[0]):
             fresnel = r0[j, 0] != ONE or r0[j, 1] != ONE or r0[j, 2] != ONE
-            for i in range(8 * T):
+            for i in range(16 * T):
                 s[PLAIN + i] = ZERO
             if footprint != JACOBIAN:
                 for i in range(T):
                     wo = (s[OX + i], s[OY + i], s[OZ + i])
                     s[AREA + i] = k_lobe_area(borders[j, 0], borders[j, 1], wo, pi)
             for k in range(first[j], first[j + 1]):
-                _directions(s, taps[k], lobes[j, 4], lobes[j, 3])
+                _directions(s, taps[k], lobes[j, 4], lobes[j, 3], fresnel)
                 _faces(s)
                 _levels(s, footprint, taps[k, 4], bias, top)
                 _addresses(s, log_size, True)
@@ -286,7 +295,8 @@ def shade_tiles(
             for i in range(count):
                 p = pixels[start + i]
                 for c in range(3):
-                    a, b = s[PLAIN + 4 * i + c], s[FRESNEL + 4 * i + c]
+                    a = s[PLAIN + 8 * i + c] + s[PLAIN + 8 * i + 4 + c]
+                    b = s[FRESNEL + 8 * i + c] + s[FRESNEL + 8 * i + 4 + c]
                     value = r0[j, c] * a + (ONE - r0[j, c]) * b
                     if lobes[j, 4] < ZERO:
                         value = a - value
