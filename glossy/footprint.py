@@ -33,7 +33,7 @@ from ._jit import Scalar, kernel
 FOOTPRINTS = ("paper", "thesis", "jacobian")
 PAPER, THESIS, JACOBIAN = range(3)
 
-ZERO, HALF, ONE, TWO = (np.float32(v) for v in (0.0, 0.5, 1.0, 2.0))
+ZERO, HALF, ONE, TWO, FOUR = (np.float32(v) for v in (0.0, 0.5, 1.0, 2.0, 4.0))
 
 
 @kernel
@@ -41,14 +41,13 @@ def k_lobe_area(
     sin_u: Scalar, sin_v: Scalar, wo: tuple[Scalar, Scalar, Scalar], pi: Scalar
 ) -> Scalar:
     """Eq. (2) [area at unit distance] for local ``wo``; ``pi`` brings the precision."""
-    su = sin_u * math.sqrt(wo[0] * wo[0] + wo[2] * wo[2])  # 1 - (wo.b)^2 without cancellation
-    sv = sin_v * math.sqrt(wo[1] * wo[1] + wo[2] * wo[2])
-    cos_u, cos_v = ONE - TWO * su * su, ONE - TWO * sv * sv
-    if cos_u <= ZERO or cos_v <= ZERO:
-        return TWO * pi
-    tan_u = TWO * su * math.sqrt(ONE - su * su) / cos_u
-    tan_v = TWO * sv * math.sqrt(ONE - sv * sv) / cos_v
-    return min(pi * tan_u * tan_v, TWO * pi)
+    u = sin_u * sin_u * (wo[0] * wo[0] + wo[2] * wo[2])  # 1 - (wo.b)^2 without cancellation
+    v = sin_v * sin_v * (wo[1] * wo[1] + wo[2] * wo[2])
+    cos_u, cos_v = ONE - TWO * u, ONE - TWO * v
+    tangents = FOUR * np.sqrt(u * v * ((ONE - u) * (ONE - v))) / (cos_u * cos_v)
+    wide = (cos_u <= ZERO) | (cos_v <= ZERO)
+    area = min(pi * tangents, TWO * pi)
+    return TWO * pi if wide else area
 
 
 @kernel

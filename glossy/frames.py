@@ -5,6 +5,7 @@ and has unit length: ``wo`` to the viewer, ``wi`` to the light, ``wh`` half way 
 """
 
 import dataclasses
+import functools
 from typing import Any
 
 import numpy as np
@@ -155,6 +156,20 @@ class SurfacePoints:
     def coverage(self) -> npt.NDArray[np.bool_]:
         """The mask, or all True where none was given, shape (...)."""
         return np.ones(self.shape, dtype=bool) if self.mask is None else self.mask
+
+    @functools.cached_property
+    def packed(self) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.float32]]:
+        """Flat indices (K,) of the seen points, and their vectors as float32 rows (9, K).
+
+        Rows: normal, tangent, view, x y z each. Made once, on the first use: 36 bytes a point.
+        """
+        seen = np.flatnonzero(self.coverage)
+        rows = np.empty((9, len(seen)), dtype=np.float32)
+        for k, v in enumerate((self.normal, self.tangent, self.view)):
+            flat = v.reshape(-1, 3)
+            rows[3 * k : 3 * k + 3] = (flat if len(seen) == len(flat) else flat[seen]).T
+        seen.flags.writeable = rows.flags.writeable = False
+        return seen, rows
 
     def __getitem__(self, key: Any) -> "SurfacePoints":
         """The points selected by a NumPy index over ``shape``."""

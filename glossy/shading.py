@@ -300,19 +300,17 @@ def run_table(
     )
     cast = table.cast(dtype)
     buffer, chain, stride = pyramid.kernel_arguments
-    normal, tangent, view = (v.reshape(-1, 3) for v in (points.normal, points.tangent, points.view))
-    seen = _check.frozen(np.flatnonzero(points.coverage.reshape(-1)))
-    out: npt.NDArray[Any] = np.zeros((len(normal), 3), dtype=dtype)
+    seen, packed = points.packed if tiled else (np.flatnonzero(points.coverage), None)
+    out: npt.NDArray[Any] = np.zeros((points.coverage.size, 3), dtype=dtype)
     shared = (cast.taps, cast.first, cast.borders, cast.lobes, cast.ks, cast.r0, cast.footprint)
-    if tiled:
+    if packed is not None:
         log_size = np.int32(pyramid.size.bit_length() - 1)
-        tiles.shade_tiles(
-            normal, tangent, view, seen, *shared, cast.bias, dtype(math.pi), buffer, log_size, out
-        )
+        tiles.shade_tiles(seen, packed, *shared, cast.bias, dtype(math.pi), buffer, log_size, out)
     else:
+        vectors = [v.reshape(-1, 3) for v in (points.normal, points.tangent, points.view)]
         for start in range(0, len(seen), CHUNK):
             pick = seen[start : start + CHUNK]
-            n, t, v = (_check.frozen(a[pick].astype(dtype)) for a in (normal, tangent, view))
+            n, t, v = (_check.frozen(a[pick].astype(dtype)) for a in vectors)
             part = np.empty((len(pick), 3), dtype=dtype)
             _shade(
                 n, t, v, *shared, cast.bias, cast.steps, dtype(math.pi), buffer, chain, stride, part

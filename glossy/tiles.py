@@ -31,7 +31,6 @@ from .pyramid import Pyramid
 from .seams import PAD
 
 Float32Array = npt.NDArray[np.float32]
-Float64Array = npt.NDArray[np.float64]
 Int64Array = npt.NDArray[np.int64]
 
 MAX_SIZE = 4096  # texel addresses stay below 2^31
@@ -81,33 +80,13 @@ def _exp2(x: Scalar) -> Scalar:
 
 
 @kernel
-def _load_frames(
-    s: Float32Array,
-    pixels: Int64Array,
-    start: Scalar,
-    count: Scalar,
-    normal: Float64Array,
-    tangent: Float64Array,
-    view: Float64Array,
-) -> None:
-    """Frames and local views of one tile, rounded; the last pixel fills up a short one."""
+def _load_frames(s: Float32Array, start: Scalar, count: Scalar, vectors: Float32Array) -> None:
+    """Frames and local views of one tile; the last point fills up a short one."""
     for i in range(T):
-        p = pixels[start + min(i, count - 1)]
-        s[NX + i], s[NY + i], s[NZ + i] = (
-            np.float32(normal[p, 0]),
-            np.float32(normal[p, 1]),
-            np.float32(normal[p, 2]),
-        )
-        s[TX + i], s[TY + i], s[TZ + i] = (
-            np.float32(tangent[p, 0]),
-            np.float32(tangent[p, 1]),
-            np.float32(tangent[p, 2]),
-        )
-        s[OX + i], s[OY + i], s[OZ + i] = (
-            np.float32(view[p, 0]),
-            np.float32(view[p, 1]),
-            np.float32(view[p, 2]),
-        )
+        p = start + min(i, count - 1)
+        s[NX + i], s[NY + i], s[NZ + i] = vectors[0, p], vectors[1, p], vectors[2, p]
+        s[TX + i], s[TY + i], s[TZ + i] = vectors[3, p], vectors[4, p], vectors[5, p]
+        s[OX + i], s[OY + i], s[OZ + i] = vectors[6, p], vectors[7, p], vectors[8, p]
     for i in range(T):
         nx, ny, nz = s[NX + i], s[NY + i], s[NZ + i]
         tx, ty, tz = s[TX + i], s[TY + i], s[TZ + i]
@@ -249,10 +228,8 @@ def _look_up(s: Float32Array, buffer: Float32Array, count: Scalar, fresnel: bool
 
 @parallel_kernel
 def shade_tiles(
-    normal: Float64Array,
-    tangent: Float64Array,
-    view: Float64Array,
     pixels: Int64Array,
+    vectors: Float32Array,
     taps: Float32Array,
     first: Int64Array,
     borders: Float32Array,
@@ -266,17 +243,16 @@ def shade_tiles(
     log_size: Scalar,
     out: Float32Array,
 ) -> None:
-    """``shading._shade`` for the pixels of these indices, in a full power-of-two chain.
+    """``shading._shade`` for ``SurfacePoints.packed``, in a full power-of-two chain.
 
-    Adds to ``out``. Arguments as there, the vectors in float64; ``log_size`` (int32) is log2 of N
-    at level 0.
+    Adds to ``out``. The other arguments as there; ``log_size`` (int32) is log2 of N at level 0.
     """
     top = np.float32(log_size)
     for tile in numba.prange((pixels.shape[0] + T - 1) // T):
         start = tile * T
         count = min(T, pixels.shape[0] - start)
         s = np.empty(SCRATCH, dtype=np.float32)
-        _load_frames(s, pixels, start, count, normal, tangent, view)
+        _load_frames(s, start, count, vectors)
         for j in range(lobes.shape[0]):
             fresnel = r0[j, 0] != ONE or r0[j, 1] != ONE or r0[j, 2] != ONE
             for i in range(16 * T):
