@@ -7,12 +7,14 @@ Mesa reads its thread count at start). Every picture is compared with double pre
 """
 
 import argparse
+import functools
 import json
 import math
 import os
 import statistics
 import subprocess
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import common
@@ -37,6 +39,12 @@ def gbuffer() -> tuple[Any, Any, Any]:
     tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
     view = np.broadcast_to([0.0, 0.0, 1.0], n.shape)
     return n.astype(np.float32), tangent.astype(np.float32), view.astype(np.float32)
+
+
+def _ours(keep: dict[str, Any], points: Any, material: Any, pyramid: Any, samples: int) -> None:
+    import glossy
+
+    keep["glossy"] = glossy.shade(points, material, pyramid, samples=samples)
 
 
 def measure(threads: int, rounds: int, size: int, counts: list[int]) -> list[dict[str, Any]]:
@@ -68,16 +76,12 @@ def measure(threads: int, rounds: int, size: int, counts: list[int]) -> list[dic
                 r0, alpha = float(parameters.get("r0", 1.0)), float(parameters.get("alpha", 0.0))
                 products: dict[str, Any] = {}
 
-                contenders = {
-                    "glossy": lambda p=pyramid, m=material, c=count, k=products: k.update(
-                        glossy=glossy.shade(points, m, p, samples=c)
-                    ),
-                    "scalar loop": lambda o=loop_out, f=flat, a=(taps, border, r0, alpha, padded): (
-                        scalar_loop.shade(
-                            *f, a[0], a[1], np.float32(a[2]), np.float32(a[3]), a[4], o
-                        )
-                    ),
-                }
+                ours = functools.partial(_ours, products, points, material, pyramid, count)
+                sides = np.float32(r0), np.float32(alpha)
+                loop = functools.partial(
+                    scalar_loop.shade, *flat, taps, border, *sides, padded, loop_out
+                )
+                contenders: dict[str, Callable[[], object]] = {"glossy": ours, "scalar loop": loop}
                 shader = None
                 try:
                     import llvmpipe
