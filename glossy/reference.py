@@ -29,7 +29,7 @@ from . import _check
 from .brdf import Material
 from .cubemap import CubeMap
 from .frames import SurfacePoints
-from .truth.cells import radiance_tree
+from .truth.cells import check_finite, radiance_tree
 from .truth.montecarlo import monte_carlo, quasi_monte_carlo
 from .truth.plain import PROBES, PlainQuadrature
 from .truth.random import uniform
@@ -150,6 +150,7 @@ def reference_passes(
         raise _check.fail("points", "must be SurfacePoints", type(points).__name__)
     if not isinstance(cube, CubeMap):
         raise _check.fail("cube", "must be a CubeMap", type(cube).__name__)
+    check_finite(cube)
     shown = _shown(material, diffuse)
     seen = np.flatnonzero(points.coverage.reshape(-1))
     axes = (points.tangent, points.bitangent, points.normal)

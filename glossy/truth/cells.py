@@ -275,6 +275,18 @@ def _pieces(size: int) -> tuple[Float64Array, IntArray]:
     return np.append(edge, 1.0), np.repeat(np.arange(size + 1), split)
 
 
+_finite: "weakref.WeakSet[CubeMap]" = weakref.WeakSet()
+
+
+def check_finite(cube: CubeMap) -> None:
+    """Refuse a map read with ``nonfinite="keep"`` that holds NaN or infinities."""
+    if cube not in _finite:
+        bad = cube.faces.size - int(np.count_nonzero(np.isfinite(cube.faces)))
+        if bad:
+            raise _check.fail("cube", "must be finite", f"{bad} NaN or infinite values")
+        _finite.add(cube)
+
+
 def build_tree(cube: CubeMap) -> RadianceTree:
     """The weights of all blocks of a cube map, eqs. (1) and (3).
 
@@ -283,8 +295,7 @@ def build_tree(cube: CubeMap) -> RadianceTree:
     ValueError
         If the radiance is not finite (a map read with ``nonfinite="keep"``).
     """
-    if not np.all(np.isfinite(cube.faces)):
-        raise _check.fail("cube", "must be finite for the ground truth", "NaN or infinite radiance")
+    check_finite(cube)
     edge, texel = _pieces(cube.size)
     level = min(int(math.log2(len(texel) / LEAF_PIECES)), MAX_LEAF_LEVEL)
     blocks = 2 * ((1 << (2 * level + 2)) - 1)

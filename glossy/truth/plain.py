@@ -20,7 +20,7 @@ IntArray = npt.NDArray[np.int64]
 
 START_LEVEL = 2
 HIDDEN = 4.0
-SAFETY = 2.0
+SAFETY = 4.0
 FLOOR = 1e-4
 MAX_DEPTH = 24
 PROBES = 256
