@@ -56,6 +56,7 @@ def measure(threads: int, rounds: int, size: int, counts: list[int]) -> list[dic
     from glossy import shading
 
     numba.set_num_threads(threads)
+    scalar: Any = scalar_loop.shade
     n, t, v = gbuffer()
     points = glossy.SurfacePoints(n, t, v)
     cube = glossy.environment("spots", size=size)
@@ -78,9 +79,7 @@ def measure(threads: int, rounds: int, size: int, counts: list[int]) -> list[dic
 
                 ours = functools.partial(_ours, products, points, material, pyramid, count)
                 sides = np.float32(r0), np.float32(alpha)
-                loop = functools.partial(
-                    scalar_loop.shade, *flat, taps, border, *sides, padded, loop_out
-                )
+                loop = functools.partial(scalar, *flat, taps, border, *sides, padded, loop_out)
                 contenders: dict[str, Callable[[], object]] = {"glossy": ours, "scalar loop": loop}
                 shader = None
                 try:

@@ -1,6 +1,7 @@
 """The same shader on Mesa's software GPU: OpenGL 4.5 on llvmpipe, float32 cube map, seamless."""
 
 import ctypes
+import importlib
 from typing import Any
 
 import numpy as np
@@ -79,8 +80,7 @@ class Shader:
         r0: float,
         alpha: float,
     ) -> None:
-        import moderngl
-
+        moderngl: Any = importlib.import_module("moderngl")
         egl = ctypes.CDLL("libEGL.so.1")
         egl.eglGetProcAddress.restype = ctypes.c_void_p
         self._egl = egl
