@@ -14,10 +14,23 @@ from ._version import __version__
 if TYPE_CHECKING:
     from .brdf import Lobe, Material
     from .cubemap import CubeMap
+    from .difference import difference_picture
     from .environment import environment, read_environment
     from .frames import SurfacePoints
+    from .image import Image, read_image, write_exr, write_image
     from .irradiance import irradiance, irradiance_map
     from .materials import material, material_names
+    from .metrics import (
+        Comparison,
+        bias,
+        compare,
+        log_rms,
+        mae,
+        psnr,
+        relative_mse,
+        relative_rms,
+        rms,
+    )
     from .pattern import Pattern, importance_pattern, pattern_for_budget, regular_pattern
     from .pyramid import Pyramid, build_pyramid
     from .reference import Truth, reference, reference_passes
@@ -25,31 +38,47 @@ if TYPE_CHECKING:
     from .trace import trace
 
 _WHERE = {
+    "Comparison": "metrics",
     "CubeMap": "cubemap",
+    "Image": "image",
     "Lobe": "brdf",
     "Material": "brdf",
     "Pattern": "pattern",
     "Pyramid": "pyramid",
     "SurfacePoints": "frames",
     "Truth": "reference",
+    "bias": "metrics",
     "build_pyramid": "pyramid",
+    "compare": "metrics",
+    "difference_picture": "difference",
     "environment": "environment",
     "importance_pattern": "pattern",
     "irradiance": "irradiance",
     "irradiance_map": "irradiance",
+    "log_rms": "metrics",
+    "mae": "metrics",
     "material": "materials",
     "material_names": "materials",
     "pattern_for_budget": "pattern",
+    "psnr": "metrics",
     "read_environment": "environment",
+    "read_image": "image",
     "reference": "reference",
     "reference_passes": "reference",
     "regular_pattern": "pattern",
+    "relative_mse": "metrics",
+    "relative_rms": "metrics",
+    "rms": "metrics",
     "shade": "shading",
     "trace": "trace",
+    "write_exr": "image",
+    "write_image": "image",
 }
 
 __all__ = [
+    "Comparison",
     "CubeMap",
+    "Image",
     "Lobe",
     "Material",
     "Pattern",
@@ -57,20 +86,32 @@ __all__ = [
     "SurfacePoints",
     "Truth",
     "__version__",
+    "bias",
     "build_pyramid",
+    "compare",
+    "difference_picture",
     "environment",
     "importance_pattern",
     "irradiance",
     "irradiance_map",
+    "log_rms",
+    "mae",
     "material",
     "material_names",
     "pattern_for_budget",
+    "psnr",
     "read_environment",
+    "read_image",
     "reference",
     "reference_passes",
     "regular_pattern",
+    "relative_mse",
+    "relative_rms",
+    "rms",
     "shade",
     "trace",
+    "write_exr",
+    "write_image",
 ]
 
 
