@@ -15,7 +15,7 @@ texel from the poles each texel gives its radiance times its exact solid angle :
     power = sum L (cos(theta_i) - cos(theta_{i+1})) 2 pi/W                                      (2)
 
 and so does the cube map that comes out of it: when the cube's texels are the larger ones, the
-picture is taken as constant on each texel, else as bilinear with the nodes of ``overlap`` (4).
+picture is taken as constant on each texel, else as bilinear with the nodes of ``overlap`` (2).
 A picture with rows on the poles is bilinear, always; its power is the integral of that.
 """
 
@@ -169,7 +169,9 @@ def latlong_to_cube(
     p = _picture(pixels)
     n = _check.count("size", size, high=MAX_HEIGHT)
     how = orientation_of(orientation)
-    if not np.isfinite(p.sum(dtype=np.float64)) and not np.isfinite(p).all():
+    low = p.min(axis=0).min(axis=0).astype(np.float64)
+    high = p.max(axis=0).max(axis=0).astype(np.float64)
+    if not np.isfinite([low, high]).all():  # NaN is the least and the largest where there is one
         bad = p.size - int(np.count_nonzero(np.isfinite(p)))
         raise _check.fail("pixels", "must be finite", f"{bad} NaN or inf values")
     rule = overlap.POLES if how.poles else overlap.CENTRES
@@ -180,7 +182,8 @@ def latlong_to_cube(
     along = [face_directions(face, s, t) - centre for s, t in ((1.0, 0.0), (0.0, 1.0))]
     frames = np.stack([a @ how.matrix.T for a in (centre, *along)], axis=1)
     sign = 1.0 if np.linalg.det(how.matrix) > 0.0 else -1.0
-    return overlap.resample(_check.frozen(p), rule, frames, texel_solid_angles(n), sign)
+    omega = texel_solid_angles(n)
+    return overlap.resample(_check.frozen(p), rule, frames, omega, sign, low, high)
 
 
 @parallel_kernel
