@@ -13,10 +13,12 @@ from ._version import __version__
 
 if TYPE_CHECKING:
     from .brdf import Lobe, Material
+    from .camera import Camera, Plane, Sphere, surface_points
     from .cubemap import CubeMap
     from .difference import difference_picture
     from .environment import environment, read_environment
     from .frames import SurfacePoints
+    from .gbuffer import read_gbuffer
     from .image import Image, read_image, write_exr, write_image
     from .irradiance import irradiance, irradiance_map
     from .materials import material, material_names
@@ -34,17 +36,21 @@ if TYPE_CHECKING:
     from .pattern import Pattern, importance_pattern, pattern_for_budget, regular_pattern
     from .pyramid import Pyramid, build_pyramid
     from .reference import Truth, reference, reference_passes
+    from .scene import load_scene
     from .shading import shade
     from .trace import trace
 
 _WHERE = {
+    "Camera": "camera",
     "Comparison": "metrics",
     "CubeMap": "cubemap",
     "Image": "image",
     "Lobe": "brdf",
     "Material": "brdf",
     "Pattern": "pattern",
+    "Plane": "camera",
     "Pyramid": "pyramid",
+    "Sphere": "camera",
     "SurfacePoints": "frames",
     "Truth": "reference",
     "bias": "metrics",
@@ -55,6 +61,7 @@ _WHERE = {
     "importance_pattern": "pattern",
     "irradiance": "irradiance",
     "irradiance_map": "irradiance",
+    "load_scene": "scene",
     "log_rms": "metrics",
     "mae": "metrics",
     "material": "materials",
@@ -62,6 +69,7 @@ _WHERE = {
     "pattern_for_budget": "pattern",
     "psnr": "metrics",
     "read_environment": "environment",
+    "read_gbuffer": "gbuffer",
     "read_image": "image",
     "reference": "reference",
     "reference_passes": "reference",
@@ -70,19 +78,23 @@ _WHERE = {
     "relative_rms": "metrics",
     "rms": "metrics",
     "shade": "shading",
+    "surface_points": "camera",
     "trace": "trace",
     "write_exr": "image",
     "write_image": "image",
 }
 
 __all__ = [
+    "Camera",
     "Comparison",
     "CubeMap",
     "Image",
     "Lobe",
     "Material",
     "Pattern",
+    "Plane",
     "Pyramid",
+    "Sphere",
     "SurfacePoints",
     "Truth",
     "__version__",
@@ -94,6 +106,7 @@ __all__ = [
     "importance_pattern",
     "irradiance",
     "irradiance_map",
+    "load_scene",
     "log_rms",
     "mae",
     "material",
@@ -101,6 +114,7 @@ __all__ = [
     "pattern_for_budget",
     "psnr",
     "read_environment",
+    "read_gbuffer",
     "read_image",
     "reference",
     "reference_passes",
@@ -109,6 +123,7 @@ __all__ = [
     "relative_rms",
     "rms",
     "shade",
+    "surface_points",
     "trace",
     "write_exr",
     "write_image",

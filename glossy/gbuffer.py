@@ -15,7 +15,6 @@ Vectors are unit within 1e-3, half floats included, and renormalised.
 
 import os
 import pathlib
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from typing import Any
@@ -24,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .frames import SurfacePoints
+from .image_write import replacing, write_exr
 
 Arrays = dict[str, npt.NDArray[np.float64]]
 
@@ -62,9 +62,9 @@ def pick_channels(channels: Mapping[str, npt.NDArray[np.floating]]) -> Arrays:
 
 
 def _from_exr(path: pathlib.Path) -> Arrays:
-    from .image import read_exr
+    from .image import read_planes
 
-    return pick_channels(read_exr(path))
+    return pick_channels(read_planes(path).planes)
 
 
 def read_gbuffer(path: str | os.PathLike[str]) -> SurfacePoints:
@@ -120,16 +120,9 @@ def write_gbuffer(path: str | os.PathLike[str], points: SurfacePoints) -> None:
         for name in ("normal", "tangent", "view")
     }
     if file.suffix.lower() == ".npz":
-        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".npz", delete=False) as stream:
-            try:
-                np.savez_compressed(stream, allow_pickle=False, mask=seen, **arrays)
-            except BaseException:
-                os.unlink(stream.name)
-                raise
-        os.replace(stream.name, file)
+        with replacing(file) as temporary:
+            np.savez_compressed(temporary, allow_pickle=False, mask=seen, **arrays)
     elif file.suffix.lower() == ".exr":
-        from .image import write_exr
-
         channels = {
             f"{name}.{axis}": np.ascontiguousarray(value[..., k], dtype=np.float32)
             for name, value in arrays.items()

@@ -78,15 +78,15 @@ class EnvironmentSource:
 
     def load(self) -> "CubeMap":
         """The cube map. Errors of reading are those of ``read_environment``."""
-        from . import environment
+        from .environment import BUILTIN, environment, read_environment
 
-        if self.source in environment.BUILTIN:
-            return environment.environment(self.source, size=self.size)
+        if self.source in BUILTIN:
+            return environment(self.source, size=self.size)
         if not os.path.exists(self.source):
-            names = ", ".join(environment.BUILTIN)
+            names = ", ".join(BUILTIN)
             rule = f"must be a file, a folder or one of {names}"
             raise _check.fail("environment", rule, self.source)
-        return environment.read_environment(
+        return read_environment(
             self.source,
             size=self.size,
             layout=self.layout,
@@ -143,18 +143,9 @@ def make_material(value: str | Mapping[str, Any]) -> "Material":
         from .materials import parse_material
 
         return parse_material(value)
-    from .brdf import Lobe, Material
+    from .materials import material_from_dict
 
-    _known("material", value, ("kd", "reflection", "transmission"))
-    sides: dict[str, list[Lobe]] = {}
-    for side in ("reflection", "transmission"):
-        rows = value.get(side, [])
-        if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-            raise ValueError(f"material.{side}: must be an array of tables")
-        for k, row in enumerate(rows):
-            _known(f"material.{side}[{k}]", row, [f.name for f in dataclasses.fields(Lobe)])
-        sides[side] = [Lobe(**row) for row in rows]
-    return Material(kd=value.get("kd", 0.0), **sides)
+    return material_from_dict(value)
 
 
 def _known(where: str, table: Mapping[str, Any], names: Iterable[str]) -> None:

@@ -219,7 +219,7 @@ def test_paths_are_relative_to_the_scene_file(tmp_path: pathlib.Path) -> None:
     [
         ("[camera]\nfow = 3", "camera.fow: unknown key"),
         ("colour = 3", "colour: unknown key"),
-        ("[[material.reflection]]\nmz = 1", r"material.reflection\[0\].mz: unknown key"),
+        ("[[material.reflection]]\nmz = 1", r"material: reflection\[0\]: key: must be one of"),
         ("[camera]\nfov = 200", "fov: must be in"),
         ("[camera]\nposition = 'here'", "position: must"),
         ("[shape]\nkind = 'cube'", "shape.kind: must be one of"),

@@ -103,7 +103,7 @@ def scene_from(args: argparse.Namespace) -> "Scene":
     options = {name: given[name] for name in METHOD_OPTIONS if name in given}
     change["options"] = {**scene.options, **options}
 
-    picture = {k: given[k] for k in ("width", "height") if k in given}
+    picture: dict[str, int] = {k: given[k] for k in ("width", "height") if k in given}
     gbuffer = given.get("gbuffer", None if picture or "shape" in given else scene.gbuffer)
     if gbuffer is not None:
         clash = [f"--{k}" for k in ("shape", "width", "height") if k in given]

@@ -1,0 +1,268 @@
+"""From a scene to a picture: environment, surface points, method, diffuse term, background.
+
+Nothing is computed here: each step is a call of the module that does it, and only what the scene
+needs is called (no irradiance without kd, no rays without a visible environment).
+"""
+
+import dataclasses
+import time
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _check
+from .scene import Scene
+
+if TYPE_CHECKING:
+    from .brdf import Material
+    from .cubemap import CubeMap
+    from .frames import SurfacePoints
+    from .trace import Trace
+
+FloatArray = npt.NDArray[np.floating]
+
+PREPARATION = ("filter", "storage")  # options of the pyramid, the others are the method's
+
+
+@dataclasses.dataclass(frozen=True)
+class Rendering:
+    """A picture and how it was made.
+
+    ``image`` (H, W, 3); ``covered``: pixels that see the surface; ``samples``: taps of each lobe;
+    ``seconds``: what each stage took, compilation included.
+    """
+
+    image: FloatArray
+    covered: int
+    environment: str
+    size: int
+    method: str
+    samples: list[int]
+    options: dict[str, Any]
+    seconds: dict[str, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the pixels, fit for JSON."""
+        height, width = self.image.shape[:2]
+        fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        del fields["image"]
+        return {"width": width, "height": height, **fields}
+
+
+@dataclasses.dataclass(frozen=True)
+class TruthRendering:
+    """The ground truth of a picture: ``image`` and ``error`` (H, W, 3), "bound" or "standard"."""
+
+    image: FloatArray
+    error: FloatArray
+    error_kind: str
+    covered: int
+    environment: str
+    size: int
+    estimator: str
+    options: dict[str, Any]
+    seconds: dict[str, float]
+    radiance_rms: float
+
+    @property
+    def rms_error(self) -> float:
+        """Root mean square of the error estimates over the covered pixels and channels."""
+        return float(np.sqrt(np.sum(np.square(self.error)) / max(3 * self.covered, 1)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the pixels, fit for JSON."""
+        height, width = self.image.shape[:2]
+        fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        del fields["image"], fields["error"]
+        relative = self.rms_error / self.radiance_rms if self.radiance_rms > 0.0 else 0.0
+        errors = {
+            "rms_error": self.rms_error,
+            "relative_rms_error": relative,
+            "max_error": float(np.max(self.error, initial=0.0)),
+        }
+        return {"width": width, "height": height, **fields, **errors}
+
+
+class Clock:
+    """Seconds since the last look, by stage."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        """Book the time since the last lap on ``stage``."""
+        now = time.perf_counter()
+        self.seconds[stage] = round(now - self._last, 6)
+        self._last = now
+
+
+def split_options(options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """(options of the pyramid, options of the method)."""
+    own = {k: v for k, v in options.items() if k not in PREPARATION}
+    return {k: v for k, v in options.items() if k in PREPARATION}, own
+
+
+def actual_samples(material: "Material", method: str, samples: int, threshold: float) -> list[int]:
+    """Taps of each lobe: for regular patterns the count nearest to the budget."""
+    from .pattern import pattern_for_budget
+
+    lobes = [lobe for lobe, _ in material.sided_lobes()]
+    if method != "regular":
+        return [samples] * len(lobes)
+    return [len(pattern_for_budget(lobe, samples, threshold)) for lobe in lobes]
+
+
+def diffuse_irradiance(
+    material: "Material", cube: "CubeMap", points: "SurfacePoints"
+) -> FloatArray | None:
+    """Irradiance (..., 3) at the points, or None for a material without kd."""
+    if not material.diffuse.any():
+        return None
+    from . import irradiance
+
+    result: FloatArray = irradiance(cube, points.normal)
+    return result
+
+
+def with_background(scene: Scene, cube: "CubeMap", image: FloatArray, seen: Any) -> FloatArray:
+    """``image`` with the environment, level 0, where nothing is seen."""
+    camera = scene.view()
+    if camera is None or scene.background == "black" or seen.all():
+        return image
+    image[~seen] = cube.lookup(camera.rays()[~seen])
+    return image
+
+
+def render_scene(scene: Scene) -> Rendering:
+    """Render a scene with its real-time method.
+
+    Raises
+    ------
+    ValueError
+        For a value out of range or an option foreign to the method.
+    OSError
+        If a file cannot be read.
+    """
+    from . import methods
+    from .pyramid import build_pyramid
+    from .shading import shade
+
+    clock = Clock()
+    preparation, options = split_options(scene.options)
+    methods.check_options(scene.method, {k: v for k, v in options.items() if k != "precision"})
+    material, points = scene.load_material(), scene.points()
+    known = methods.options(scene.method)
+    clock.lap("scene")
+    cube = scene.environment.load()
+    clock.lap("environment")
+    pyramid = build_pyramid(cube, **preparation)
+    clock.lap("prepare")
+    image = shade(
+        points,
+        material,
+        pyramid,
+        method=scene.method,
+        samples=scene.samples,
+        irradiance=diffuse_irradiance(material, cube, points),
+        **options,
+    )
+    clock.lap("shade")
+    threshold = options.get("threshold", known.get("threshold", 0.1))
+    return Rendering(
+        image=with_background(scene, cube, image, points.coverage),
+        covered=int(points.coverage.sum()),
+        environment=scene.environment.source,
+        size=cube.size,
+        method=scene.method,
+        samples=actual_samples(material, scene.method, scene.samples, threshold),
+        options={**preparation, **options},
+        seconds=clock.seconds,
+    )
+
+
+def render_reference(scene: Scene, estimator: str = "texels", **options: Any) -> TruthRendering:
+    """The ground truth of a scene; ``options`` are those of ``reference``.
+
+    Raises
+    ------
+    ValueError, OSError
+        As ``render_scene``.
+    """
+    from .reference import reference
+
+    clock = Clock()
+    material, points = scene.load_material(), scene.points()
+    clock.lap("scene")
+    cube = scene.environment.load()
+    clock.lap("environment")
+    given = {k: v for k, v in options.items() if v is not None}
+    truth = reference(points, material, cube, estimator=estimator, **given)
+    clock.lap("integrate")
+    seen = points.coverage
+    radiance = np.array(truth.radiance)
+    level = float(np.sqrt(np.mean(np.square(radiance[seen])))) if seen.any() else 0.0
+    return TruthRendering(
+        image=with_background(scene, cube, radiance, seen),
+        error=np.where(seen[..., None], truth.error, 0.0),
+        error_kind=truth.error_kind,
+        covered=int(seen.sum()),
+        environment=scene.environment.source,
+        size=cube.size,
+        estimator=estimator,
+        options=given,
+        seconds=clock.seconds,
+        radiance_rms=level,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class PixelTrace:
+    """The taps of one pixel; ``difference``: of their sum and the pixel as it is rendered."""
+
+    pixel: tuple[int, int]
+    trace: "Trace"
+
+    @property
+    def difference(self) -> float:
+        """Largest difference over the channels."""
+        return float(np.max(np.abs(np.subtract(self.trace.tap_sum, self.trace.radiance))))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, fit for JSON."""
+        return {"pixel": list(self.pixel), "difference": self.difference, **self.trace.to_dict()}
+
+    def format(self) -> str:
+        """A table for people: frame, taps, sum."""
+        rows = [f"pixel {self.pixel[0]}, {self.pixel[1]}"]
+        for name in ("normal", "tangent", "bitangent", "view", "view_local"):
+            vector = " ".join(f"{v:+.7f}" for v in getattr(self.trace, name))
+            rows.append(f"{name.replace('_', ' '):<11} {vector}")
+        rows.append(self.trace.format_table())
+        rows.append(f"difference of sum and pixel {self.difference:.3g}")
+        return "\n".join(rows)
+
+
+def trace_pixel(scene: Scene, x: int, y: int) -> PixelTrace:
+    """Every tap of the pixel in column ``x`` and row ``y``.
+
+    Raises
+    ------
+    ValueError
+        If the pixel is outside the picture or sees no surface.
+    """
+    from .pyramid import build_pyramid
+    from .trace import trace
+
+    preparation, options = split_options(scene.options)
+    material, points = scene.load_material(), scene.points()
+    height, width = points.shape
+    if not (0 <= x < width and 0 <= y < height):
+        raise _check.fail("pixel", f"must be inside {width} x {height}", (x, y))
+    if not points.coverage[y, x]:
+        raise _check.fail("pixel", "must see the surface", (x, y))
+    pyramid = build_pyramid(scene.environment.load(), **preparation)
+    common = {"method": scene.method, "samples": scene.samples, **options}
+    return PixelTrace((x, y), trace(points[y, x], material, pyramid, **common))

@@ -1,0 +1,1 @@
+"""Speed against error of the real-time methods, and the paper's claims put to the test."""

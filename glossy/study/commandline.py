@@ -1,0 +1,106 @@
+"""``glossy study`` from its arguments to its folder."""
+
+import argparse
+import pathlib
+import time
+from typing import Any
+
+from .. import _check
+from ..commands import options
+from . import claims, plots, report, settings, store
+from .run import Study
+
+SIDE = 128  # pixels of the default picture: the default study takes about a minute
+DEFAULT_TOLERANCE = 1e-3
+
+
+def _budgets(text: str | None) -> tuple[int, ...]:
+    if text is None:
+        return settings.BUDGETS
+    try:
+        return tuple(sorted(int(part) for part in text.split(",")))
+    except ValueError:
+        raise _check.fail("samples", "must be whole numbers with commas", text) from None
+
+
+def plan_from(args: argparse.Namespace, scene: Any) -> settings.Plan:
+    """The plan the arguments describe; without SCENE and --material, the paper's three lobes."""
+    named = args.methods.split(",") if args.methods else settings.METHODS
+    if args.scene or args.material:
+        text = args.material
+        cases = [
+            settings.case_of(scene.load_material(), text if text and "=" not in text else None)
+        ]
+    else:
+        cases = settings.default_cases()
+    tolerance = args.reference_tolerance
+    return settings.Plan(
+        cases=cases,
+        methods=[settings.parse_method(name) for name in named],
+        budgets=_budgets(args.samples),
+        filter=args.filter or "gauss6",
+        tolerance=DEFAULT_TOLERANCE if tolerance is None else tolerance,
+        repeats=3 if args.repeats is None else args.repeats,
+    )
+
+
+def evaluate(study: Study) -> dict[str, list[claims.Claim]]:
+    """The claims with each regular method against importance, the paper's first."""
+    labels = [m.label for m in study.plan.methods]
+    regulars = [name for name in labels if name.startswith("regular")]
+    if "importance" not in labels:
+        return {}
+    regulars.sort(key=lambda name: name != "regular/paper")
+    return {name: claims.evaluate(study.cells, name, "importance") for name in regulars}
+
+
+def finish(study: Study, variants: dict[str, list[claims.Claim]]) -> list[str]:
+    """Write plots, pictures, report.md, study.csv and study.json; the pictures' names."""
+    folder = study.store.folder
+    s = study.settings
+    subtitle = f"{pathlib.Path(s['environment']).name}, cube map {s['cube_size']}, {s['filter']}"
+    plots.speed_against_error(study.cells, folder / "speed.png", subtitle)
+    names = []
+    for case in study.plan.cases:
+        for kind in ("zero", "best"):
+            name = f"pictures-{case.slug}-{kind}.png"
+            if plots.pictures(study, case.name, kind, folder / name):
+                names.append(name)
+    store.write_text(folder / "study.csv", report.to_csv(study.cells))
+    store.write_text(folder / "report.md", report.markdown(study, variants, names))
+    store.write_text(folder / "study.json", report.dumps(report.to_dict(study, variants, names)))
+    return names
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command."""
+    start = time.perf_counter()
+    if args.scene is None:
+        args.width = SIDE if args.width is None else args.width
+        args.height = args.width if args.height is None else args.height
+    wanted = argparse.Namespace(**{**vars(args), "samples": None, "filter": None})
+    scene = options.scene_from(wanted)
+    plan = plan_from(args, scene)
+    study = Study(
+        plan,
+        scene.environment.load(),
+        scene.points(),
+        scene.environment.source,
+        args.output,
+        resume=args.resume,
+    )
+    study.run(lambda steps: options.progress(steps, len(steps), "study"))
+    variants = evaluate(study)
+    names = finish(study, variants)
+    if args.json:
+        print(report.dumps(report.to_dict(study, variants, names)), end="")
+        return 0
+    print(report.error_table(study.cells))
+    print(report.time_table(study.cells))
+    for name, found in list(variants.items())[:1]:
+        print(f"The paper's claims in these runs, {name} against importance:")
+        print(report.claim_lines(found))
+        print()
+    print(f"{time.perf_counter() - start:.0f} s; written to {study.store.folder}/report.md,")
+    print(f"study.json, study.csv, speed.png and {len(names)} pictures")
+    return 0

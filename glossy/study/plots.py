@@ -1,0 +1,194 @@
+"""Plots of a study: error against time, and pictures beside the truth as in the paper's figures.
+
+Pictures are exposed so that the truth's 98th percentile is white, then sRGB encoded; the exposure
+is printed. Differences are |image - truth| in luminance over the truth's RMS, one scale for all
+panels of a figure.
+"""
+
+import pathlib
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..image_write import encode_srgb, replacing
+from .claims import Table
+from .measure import LUMINANCE
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from .run import Cell, Study
+
+FloatArray = npt.NDArray[np.floating]
+
+COLOURS = ("#0072b2", "#009e73", "#e69f00", "#d55e00", "#cc79a7", "#56b4e9", "#000000")
+MARKERS = ("o", "s", "D", "^", "v", "P", "X")
+WHITE = 98.0  # percentile of the truth's luminance that becomes white
+PICTURE_ROWS = (14, 30, 270)
+
+
+def _figure(width: float, height: float) -> "Figure":
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=130, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _save(figure: "Figure", path: pathlib.Path) -> None:
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format="png")
+
+
+def speed_against_error(cells: Sequence["Cell"], path: pathlib.Path, subtitle: str) -> None:
+    """Relative RMS error over CPU time per pixel, log-log, one panel for each case.
+
+    Filled markers and full lines have the best bias, hollow ones and dashed lines none; the
+    numbers are samples. Below the grey line an error cannot be told from the truth's own.
+    """
+    from matplotlib.lines import Line2D
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    table = Table(cells)
+    methods = list(dict.fromkeys(c.method for c in cells))
+    figure = _figure(max(5.2, 4.4 * len(table.cases)), 4.9)
+    panels = figure.subplots(1, len(table.cases), sharex=True, sharey=True, squeeze=False)[0]
+    plain = FuncFormatter(lambda value, _: f"{value:g}")
+    for panel, case in zip(panels, table.cases, strict=True):
+        for k, method in enumerate(methods):
+            style = {"color": COLOURS[k % 7], "marker": MARKERS[k % 7], "markersize": 5.5}
+            for bias, line in (("zero", "--"), ("best", "-")):
+                row = table.line(method, case, bias)
+                x = [1e6 * c.cpu_seconds / c.pixels for c in row]
+                y = [100.0 * c.relative_rms for c in row]
+                face = "white" if bias == "zero" else style["color"]
+                alpha = 0.65 if bias == "zero" else 1.0
+                panel.plot(x, y, line, linewidth=1.4, markerfacecolor=face, alpha=alpha, **style)
+        longest = max(
+            (table.line(m, case, "best") for m in methods), key=lambda row: len(row), default=[]
+        )
+        for c in longest:
+            lowest = min(
+                (
+                    d.relative_rms
+                    for m in methods
+                    for d in table.line(m, case, "best")
+                    if d.budget == c.budget
+                ),
+            )
+            place = (1e6 * c.cpu_seconds / c.pixels, 100.0 * lowest)
+            panel.annotate(
+                str(c.samples),
+                place,
+                (0, -15),
+                textcoords="offset points",
+                ha="center",
+                fontsize=7.5,
+                color="#444444",
+            )
+        doubt = max(100.0 * c.truth_error / c.truth_level for c in cells if c.case == case)
+        if doubt > 0.0:
+            panel.axhline(doubt, color="#999999", linewidth=1.0)
+            panel.axhspan(doubt * 1e-3, doubt, color="#999999", alpha=0.18, linewidth=0)
+        panel.set_xscale("log")
+        panel.set_yscale("log")
+        panel.set_title(case, fontsize=11)
+        panel.set_xlabel("CPU time per pixel [µs, all threads]")
+        panel.grid(visible=True, which="major", color="#d8d8d8", linewidth=0.7)
+        panel.grid(visible=True, which="minor", color="#eeeeee", linewidth=0.4)
+        for axis in (panel.xaxis, panel.yaxis):
+            axis.set_major_locator(LogLocator(base=10.0, subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter(plain)
+            axis.set_minor_formatter(NullFormatter())
+    panels[0].set_ylabel("RMS error / RMS of the truth [%]")
+    errors = [100.0 * c.relative_rms for c in cells if c.relative_rms > 0.0]
+    if errors:
+        panels[0].set_ylim(0.6 * min(errors), 1.5 * max(errors))
+    handles = [
+        Line2D([], [], color=COLOURS[k % 7], marker=MARKERS[k % 7], label=method)
+        for k, method in enumerate(methods)
+    ]
+    handles += [
+        Line2D([], [], color="#555555", label="best bias"),
+        Line2D([], [], color="#555555", linestyle="--", label="bias 0"),
+        Line2D([], [], color="#bbbbbb", linewidth=6, label="truth's own error"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)
+    figure.suptitle(f"Error against time. {subtitle}", fontsize=11)
+    _save(figure, path)
+
+
+def _grid(values: FloatArray, seen: npt.NDArray[np.bool_], background: float) -> FloatArray:
+    out = np.full((*seen.shape, *values.shape[1:]), background)
+    out[seen] = values
+    return out
+
+
+def pictures(study: "Study", case_name: str, bias_kind: str, path: pathlib.Path) -> bool:
+    """Rows of budgets; columns: two methods, the truth, and the two false-colour differences.
+
+    Returns
+    -------
+    False if fewer than two methods were measured, and then nothing is written.
+    """
+    names = [m.label for m in study.plan.methods]
+    first = ("regular/paper", "importance")
+    wanted = [n for n in names if n in first]
+    wanted += [n for n in names if n not in wanted]
+    if len(names) < 2:
+        return False
+    pair = wanted[:2]
+    table = Table(study.cells)
+    budgets = [n for n in PICTURE_ROWS if n in table.budgets] or table.budgets[:3]
+    case = next(c for c in study.plan.cases if c.name == case_name)
+    truth = np.asarray(study.truths[case_name].radiance)
+    level = float(np.sqrt(np.mean(np.square(truth))))
+    white = max(float(np.percentile(truth @ LUMINANCE, WHITE)), 1e-12)
+    rows: list[list[tuple[Cell, FloatArray]]] = []
+    for budget in budgets:
+        row = []
+        for label in pair:
+            method = next(m for m in study.plan.methods if m.label == label)
+            cell = next(c for c in table.line(label, case_name, bias_kind) if c.budget == budget)
+            row.append((cell, np.asarray(study.image(case, method, budget, cell.bias), float)))
+        rows.append(row)
+    differences = [np.abs((image - truth) @ LUMINANCE) / level for row in rows for _, image in row]
+    top = max(float(np.percentile(np.concatenate(differences), 99.5)), 1e-12)
+
+    height, width = study.seen.shape
+    aspect = height / width
+    figure = _figure(12.6, 2.3 * aspect * len(budgets) + 0.35 * len(budgets) + 0.9)
+    panels = figure.subplots(len(budgets), 5, squeeze=False)
+
+    def show(panel: Any, values: FloatArray) -> None:
+        encoded = encode_srgb(np.clip(_grid(values, study.seen, 0.0) / white, 0.0, 1.0))
+        panel.imshow(encoded, interpolation="nearest")
+
+    scale: Any = None
+    for panel_row, row in zip(panels, rows, strict=True):
+        for panel, (cell, image) in zip(panel_row[:2], row, strict=True):
+            show(panel, image)
+            xi = f", ξ={cell.threshold:g}" if cell.threshold is not None else ""
+            bias = f", bias {cell.bias:+.2f}" if bias_kind == "best" else ""
+            panel.set_title(f"{cell.method}\nn={cell.samples}{xi}{bias}", fontsize=9)
+        show(panel_row[2], truth)
+        panel_row[2].set_title("truth\n(texel quadrature)", fontsize=9)
+        for panel, (cell, image) in zip(panel_row[3:], row, strict=True):
+            error = np.abs((image - truth) @ LUMINANCE) / level
+            grid = np.ma.masked_array(_grid(error, study.seen, 0.0), ~study.seen)
+            scale = panel.imshow(grid, cmap="inferno", vmin=0.0, vmax=top, interpolation="nearest")
+            panel.set_facecolor("#3a3a3a")
+            figures = f"RMS {100.0 * cell.relative_rms:.3g} %"
+            panel.set_title(f"|{cell.method} − truth|\n{figures}", fontsize=9)
+        for panel in panel_row:
+            panel.set_xticks([])
+            panel.set_yticks([])
+    bar = figure.colorbar(scale, ax=panels[:, 4].tolist(), shrink=0.9, extend="max")
+    bar.set_label("|difference| / RMS of the truth", fontsize=9)
+    bias = "with the best level bias" if bias_kind == "best" else "without level bias"
+    figure.suptitle(f"{case_name}, {bias}   (white = {white:.3g}, sRGB)", fontsize=11)
+    _save(figure, path)
+    return True

@@ -1,0 +1,178 @@
+"""The results as text: tables for the terminal, report.md, study.json and study.csv."""
+
+import csv
+import dataclasses
+import io
+import json
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from .claims import Claim, Table
+from .run import Cell
+
+if TYPE_CHECKING:
+    from .run import Study
+
+SCHEMA = 1
+
+
+def error_table(cells: Sequence[Cell]) -> str:
+    """Relative RMS error [%], without and with the best bias, one block for each case."""
+    table = Table(cells)
+    methods = list(dict.fromkeys(c.method for c in cells))
+    width = max(len(m) for m in methods) + 2
+    lines = []
+    for case in table.cases:
+        own = [c for c in cells if c.case == case]
+        doubt = 100.0 * own[0].truth_error / max(own[0].truth_level, 1e-300)
+        lines.append(f"{case}: RMS error / RMS of the truth [%], truth +-{doubt:.2g} %")
+        counts = [
+            table.line(methods[0], case, "zero")[k].samples for k in range(len(table.budgets))
+        ]
+        lines.append(_row("", "samples", [str(n) for n in counts], width))
+        for method in methods:
+            zero, best = (table.line(method, case, b) for b in ("zero", "best"))
+            lines.append(_row(method, "bias 0", [_percent(c) for c in zero], width))
+            lines.append(_row("", "best bias", [_percent(c) for c in best], width))
+            lines.append(_row("", "   (bias)", [f"{c.bias:+.2f}" for c in best], width))
+        lines.append("")
+    return "\n".join(lines)
+
+
+def time_table(cells: Sequence[Cell]) -> str:
+    """CPU time of the bias-0 cells against the baseline, and nanoseconds for a sample."""
+    table = Table(cells)
+    methods = list(dict.fromkeys(c.method for c in cells))
+    width = max(len(m) for m in methods) + 2
+    lines = []
+    for case in table.cases:
+        lines.append(
+            f"{case}: time of a picture, median [ms]; CPU time against the baseline; ns/sample"
+        )
+        for method in methods:
+            row = table.line(method, case, "zero")
+            lines.append(_row(method, "ms", [f"{1e3 * c.seconds:.3g}" for c in row], width))
+            lines.append(_row("", "CPU ratio", [f"{c.cpu_ratio:.3g}" for c in row], width))
+            lines.append(_row("", "ns/sample", [f"{c.ns_per_sample:.3g}" for c in row], width))
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _row(method: str, label: str, values: Sequence[str], width: int) -> str:
+    return f"  {method:<{width}}{label:<10}" + "".join(f"{v:>8}" for v in values)
+
+
+def _percent(cell: Cell) -> str:
+    value = 100.0 * cell.relative_rms
+    return f"{value:.4g}" if value < 1.0 else f"{value:.2f}"
+
+
+def claim_lines(claims: Sequence[Claim]) -> str:
+    """Verdict, statement and numbers of each claim."""
+    lines = []
+    for claim in claims:
+        lines.append(f"  {claim.verdict.upper():<19} {claim.statement} [{claim.source}]")
+        if claim.numbers:
+            lines.append(f"{'':<22}{claim.numbers}")
+    return "\n".join(lines)
+
+
+def variant_table(variants: dict[str, list[Claim]]) -> str:
+    """Verdicts of the claims with each regular variant in place of the paper's, as Markdown."""
+    names = list(variants)
+    rows = [["claim", *names], ["---"] * (len(names) + 1)]
+    for first in variants[names[0]]:
+        row = [first.id]
+        for name in names:
+            same = [c for c in variants[name] if c.id.replace(name, names[0]) == first.id]
+            row.append(same[0].verdict if same else "")
+        rows.append(row)
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+
+
+def to_csv(cells: Sequence[Cell]) -> str:
+    """One line for each cell; lists are joined by spaces, None is empty."""
+    stream = io.StringIO()
+    names = [f.name for f in dataclasses.fields(Cell) if f.name != "search"]
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(names)
+    for cell in cells:
+        values = [getattr(cell, name) for name in names]
+        writer.writerow([" ".join(map(str, v)) if isinstance(v, list) else v for v in values])
+    return stream.getvalue()
+
+
+def to_dict(
+    study: "Study", variants: dict[str, list[Claim]], pictures: Sequence[str]
+) -> dict[str, Any]:
+    """The whole study, fit for JSON."""
+    truths = [
+        {"case": name, "error_kind": t.kind, "rms_error": t.rms_error, "seconds": t.seconds}
+        for name, t in study.truths.items()
+    ]
+    claims = {name: [dataclasses.asdict(c) for c in found] for name, found in variants.items()}
+    value = {
+        "schema": SCHEMA,
+        "command": "study",
+        "settings": study.settings,
+        "sessions": study.store.sessions,
+        "baseline": "first case, first method, smallest budget, bias 0",
+        "truths": truths,
+        "cells": [dataclasses.asdict(c) for c in study.cells],
+        "claims": claims,
+        "pictures": list(pictures),
+    }
+    return _without_infinities(value)  # type: ignore[no-any-return]
+
+
+def _without_infinities(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _without_infinities(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_infinities(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def markdown(study: "Study", variants: dict[str, list[Claim]], pictures: Sequence[str]) -> str:
+    """report.md."""
+    s, last = study.settings, study.store.sessions[-1]
+    first = next(iter(variants), None)
+    thresholds = ", ".join(f"{n}: {xi:g}" for n, xi in s["thresholds"].items())
+    parts = [
+        "# Study: speed against error\n",
+        f"Environment `{s['environment']}`, cube map of {s['cube_size']}, pyramid {s['filter']}; "
+        f"picture {s['width']} x {s['height']}, {s['pixels']} covered pixels. Threshold for each "
+        f"budget: {thresholds}. All methods of a budget take the count the regular pattern "
+        "reaches. Best bias: least RMS error over "
+        f"about {s['bias_search_pixels']} of the pixels; errors are over all of them.\n",
+        f"glossy {last['glossy']}, NumPy {last['numpy']}, Numba {last['numba']}, Python "
+        f"{last['python']}; {last['cpu']}, {last['threads']} threads; median of {s['repeats']} "
+        "warm runs. CPU time ratios are against the first case and method at the smallest budget, "
+        "measured in turn with each cell.\n",
+        "## Which of the paper's claims hold in these runs\n",
+    ]
+    if first is None:
+        parts.append("Needs a regular method and `importance`.\n")
+    else:
+        parts.append(f"{first} against importance:\n")
+        parts += [
+            f"* **{c.verdict}** ({c.id}): {c.statement} [{c.source}]"
+            + (f"  \n  {c.numbers}" if c.numbers else "")
+            for c in variants[first]
+        ]
+        parts.append("")
+    if len(variants) > 1:
+        parts += ["The same with the other regular variants:\n", variant_table(variants), ""]
+    parts += ["## Errors\n", "```", error_table(study.cells).rstrip(), "```\n"]
+    parts += ["![error against time](speed.png)\n", "## Times\n"]
+    parts += ["```", time_table(study.cells).rstrip(), "```\n", "## Pictures\n"]
+    parts += [f"![{name}]({name})\n" for name in pictures]
+    return "\n".join(parts)
+
+
+def dumps(value: dict[str, Any]) -> str:
+    """JSON text; infinities must be gone."""
+    return json.dumps(value, indent=1, allow_nan=False) + "\n"

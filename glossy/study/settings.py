@@ -1,0 +1,210 @@
+"""What a study measures: cases, methods, budgets, thresholds; and on what machine."""
+
+import dataclasses
+import hashlib
+import json
+import os
+import pathlib
+import platform
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from .. import _check
+
+if TYPE_CHECKING:
+    from ..brdf import Material
+
+METHODS = ("regular/paper", "regular/thesis", "regular/jacobian", "importance")
+BUDGETS = (7, 14, 20, 30, 50, 100, 270)
+LOBES = ("mx=.1", "mx=.15", "mx=.2,my=.075")
+SCHEDULE = ((20, 0.2), (50, 0.1))  # largest budget of each threshold; above: FINE_THRESHOLD
+FINE_THRESHOLD = 0.01
+
+
+def threshold_for(budget: int) -> float:
+    """The paper's thresholds: 0.2 at 14 and 17 samples, 0.1 at 30, 0.01 at 270.
+
+    In between: 0.2 up to 20, 0.1 up to 50, 0.01 above.
+    """
+    return next((value for top, value in SCHEDULE if budget <= top), FINE_THRESHOLD)
+
+
+@dataclasses.dataclass(frozen=True)
+class MethodSpec:
+    """A method with its footprint and normalisation, written ``name/footprint/normalisation``."""
+
+    name: str
+    footprint: str | None = None
+    normalisation: str | None = None
+
+    @property
+    def label(self) -> str:
+        """The text that ``parse_method`` reads back."""
+        return "/".join(p for p in (self.name, self.footprint, self.normalisation) if p)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Options of ``shade`` that the spec fixes."""
+        named = {"footprint": self.footprint, "normalisation": self.normalisation}
+        return {k: v for k, v in named.items() if v is not None}
+
+
+def parse_method(text: str) -> MethodSpec:
+    """A method from ``name``, ``name/footprint`` or ``name/footprint/normalisation``.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name, or an option the method does not have or does not know.
+    """
+    from .. import methods
+    from ..footprint import FOOTPRINTS
+    from ..shading import NORMALISATIONS
+
+    parts = text.strip().split("/")
+    if len(parts) > 3:
+        raise _check.fail("methods", "must be name[/footprint[/normalisation]]", text)
+    spec = MethodSpec(*parts)
+    methods.check_options(spec.name, spec.options)
+    if spec.footprint is not None:
+        _check.choice(f"methods: {text}", spec.footprint, FOOTPRINTS)
+    if spec.normalisation is not None:
+        _check.choice(f"methods: {text}", spec.normalisation, NORMALISATIONS)
+    return spec
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A material under study; its diffuse part is left out."""
+
+    name: str
+    material: "Material"
+
+    @property
+    def widths(self) -> list[float]:
+        """(mx, my) of the first lobe."""
+        return list(self.material.lobes[0].widths)
+
+    @property
+    def kind(self) -> str:
+        """Name of the group: "aniso" if any lobe is, else "iso"."""
+        return "aniso" if any(a != b for a, b in (x.widths for x in self.material.lobes)) else "iso"
+
+    @property
+    def slug(self) -> str:
+        """The name as a file name."""
+        return re.sub(r"[^A-Za-z0-9.]+", "-", self.name).strip("-")
+
+
+def case_of(material: "Material", name: str | None = None) -> Case:
+    """A case without the diffuse part; named after its first lobe unless ``name`` is given.
+
+    Raises
+    ------
+    ValueError
+        If the material has no glossy lobe.
+    """
+    if not material.sided_lobes():
+        raise _check.fail("material", "must have a glossy lobe with ks > 0", material)
+    if name is None:
+        mx, my = material.lobes[0].widths
+        name = f"iso m={mx:g}" if mx == my else f"aniso ({mx:g}, {my:g})"
+        if len(material.lobes) > 1:
+            name += f" and {len(material.lobes) - 1} more"
+    return Case(name, dataclasses.replace(material, kd=0.0))
+
+
+def default_cases() -> list[Case]:
+    """The paper's three lobes, F = 1 and alpha = 0."""
+    from ..materials import parse_material
+
+    return [case_of(parse_material(text)) for text in LOBES]
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """A whole study. ``tolerance``: asked of the truth; ``subset``: pixels of the bias search."""
+
+    cases: Sequence[Case]
+    methods: Sequence[MethodSpec]
+    budgets: Sequence[int] = BUDGETS
+    filter: str = "gauss6"
+    tolerance: float = 1e-3
+    repeats: int = 3
+    subset: int = 1200
+
+    def __post_init__(self) -> None:
+        for budget in self.budgets:
+            _check.count("samples", budget)
+        _check.positive("reference tolerance", self.tolerance)
+        _check.count("repeats", self.repeats)
+        for name in ("cases", "methods", "budgets"):
+            items = [
+                getattr(x, "name" if name == "cases" else "label", x) for x in getattr(self, name)
+            ]
+            if not items or len(set(items)) != len(items):
+                raise _check.fail(name, "must be at least one, each once", items)
+
+    def describe(self) -> dict[str, Any]:
+        """The plan, fit for JSON; two studies with the same description measure the same."""
+        return {
+            "cases": [
+                {"name": c.name, "material": dataclasses.asdict(c.material)} for c in self.cases
+            ],
+            "methods": [m.label for m in self.methods],
+            "budgets": list(self.budgets),
+            "thresholds": {str(b): threshold_for(b) for b in self.budgets},
+            "filter": self.filter,
+            "reference_tolerance": self.tolerance,
+            "repeats": self.repeats,
+            "bias_search_pixels": self.subset,
+        }
+
+
+def digest(*parts: Any) -> str:
+    """A short SHA-256 of arrays and JSON values."""
+    total = hashlib.sha256()
+    for part in parts:
+        data = part.tobytes() if hasattr(part, "tobytes") else json.dumps(part).encode()
+        total.update(data)
+    return total.hexdigest()[:16]
+
+
+def _cpu_model() -> str:
+    try:
+        for line in pathlib.Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def machine() -> dict[str, Any]:
+    """Versions, processor and threads of this run."""
+    import numba
+    import numpy as np
+
+    from .._version import __version__
+
+    return {
+        "glossy": __version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "numba": numba.__version__,
+        "system": platform.platform(),
+        "cpu": _cpu_model(),
+        "cores": os.cpu_count(),
+        "threads": numba.get_num_threads(),
+        "threading_layer": _threading_layer(),
+    }
+
+
+def _threading_layer() -> str:
+    import numba
+
+    try:
+        return str(numba.threading_layer())  # type: ignore[attr-defined]
+    except ValueError:  # no parallel kernel has run yet
+        return "not started"
