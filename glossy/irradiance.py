@@ -54,7 +54,9 @@ def irradiance(cube: CubeMap, normal: npt.ArrayLike) -> Float64Array:
 def irradiance_map(cube: CubeMap, size: int = 32) -> CubeMap:
     """Irradiance at the texel centres of a small cube map; look normals up in it.
 
-    ``irradiance_map(cube).lookup(normals)`` costs some tens of nanoseconds a pixel.
+    ``irradiance_map(cube).lookup(normals)`` costs some tens of nanoseconds a pixel. Interpolation
+    misses E by 5e-4 to 7e-4 of its RMS at size 32 on maps with small lamps (at most 8e-3 at
+    one normal), a quarter of that at 64, four times that at 16; less on softer maps.
 
     Parameters
     ----------

@@ -107,7 +107,8 @@ def uniform(seed: int, points: IntArray, first: int, count: int, dimensions: int
     ``points`` (K,) are the flat indices of the points, ``first`` that of the first sample.
     """
     out = np.empty((len(points), count, dimensions))
-    _uniform(seed, _check.frozen(points), first, out)
+    with np.errstate(over="ignore"):  # uncompiled, NumPy warns of the wrap-around that is meant
+        _uniform(seed, _check.frozen(points), first, out)
     return out
 
 
@@ -128,5 +129,6 @@ def sobol(
         plain = engine.random(1 << (count - 1).bit_length())[:count]
     base = _check.frozen((plain * 2.0**32).astype(np.uint64))
     out = np.empty((len(points), replicates, count, dimensions))
-    _sobol(seed, _check.frozen(points), first, base, out)
+    with np.errstate(over="ignore"):
+        _sobol(seed, _check.frozen(points), first, base, out)
     return out
