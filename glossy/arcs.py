@@ -324,8 +324,8 @@ def k_walk(
 ) -> None:
     """Integral of G d phi over each of len(out) edges of base + w step, w = 2j/size - 1.
 
-    From j = ``first`` on, into ``out`` (K, 3). ``columns`` (W, 2): sin and cos of the azimuths where
-    the picture's formula changes, texel borders or centres. ``cumulated``: G at the ``nodes``.
+    From j = ``first`` on, into ``out`` (K, 3). ``columns`` (W, 2): sin and cos of the azimuths
+    where the picture's formula changes, texel borders or centres. ``cumulated``: G at the nodes.
     """
     if rule == TEXELS:
         _walk_texels(pixels, cumulated, nodes, columns, base, step, size, first, out)

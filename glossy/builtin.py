@@ -6,9 +6,8 @@ that its power is exactly ::
 
     L 2 pi (1 - cos(radius))                                                                    (1)
 
-at every size; a sun smaller than a texel keeps its energy. The smooth parts are averaged over at
-least 2 x 2 samples a texel, on a grid of at least 1024 samples a face, so that every size shows
-the same map.
+at every size; a sun smaller than a texel keeps its energy. The smooth parts are averaged on a grid
+of at least 1024 samples along a face's edge, so that every size shows the same map.
 """
 
 import dataclasses
@@ -303,7 +302,7 @@ def environment(name: str, size: int = 256, seed: int = 0) -> CubeMap:
         return CubeMap(area_resize(_axes_faces(), n))
     kind = {"spots": _SPOTS, "studio": _STUDIO, "sky": _SKY}[name]
     faces = np.empty((6, n, n, 3), dtype=np.float32)
-    _average(kind, _check.frozen(_frames()), max(2, math.ceil(SAMPLES / n)), faces)
+    _average(kind, _check.frozen(_frames()), math.ceil(SAMPLES / n), faces)
     for disc in {"spots": spot_discs(seed), "sky": [sun()]}.get(name, []):
         add_disc(faces, disc)
     return CubeMap(faces)
