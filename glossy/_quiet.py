@@ -1,6 +1,6 @@
-"""Catching what the OpenEXR library prints while it reads or writes.
+"""Catching what the image libraries print while they read or write.
 
-The C library explains a damaged file on the process's standard error, and its Python binding
+The C libraries explain a damaged file on the process's standard error, and OpenEXR's binding
 prints a warning on standard output; both would break a command's one-line errors and its JSON.
 Other threads that print meanwhile lose nothing: their lines are passed on afterwards.
 """
@@ -22,7 +22,9 @@ _saved = -1
 _stdout: TextIO = sys.stdout
 _text = io.StringIO()
 
-_OURS = re.compile(r"\(EXR_ERR_\w+\)|^Warning: Exception raised reading pixel data")
+_OURS = re.compile(
+    r"\(EXR_ERR_\w+\)|^libpng (error|warning): |^Warning: Exception raised reading pixel data"
+)
 
 
 def _begin() -> None:

@@ -46,6 +46,10 @@ ENCODINGS = ("linear", "srgb")
 EXR_MAGIC = b"\x76\x2f\x31\x01"
 
 
+class ImageError(ValueError):
+    """A file that cannot be used as an image; one line that starts with its name."""
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Planes:
     """The channels of an image file, each (H, W), in the sample type of the file.
@@ -143,11 +147,20 @@ def read_planes(path: Path, encoding: str | None = None, max_pixels: int = MAX_P
     limit = _check.count("max_pixels", max_pixels)
     if encoding is not None:
         _check.choice("encoding", encoding, ENCODINGS)
-    if _first_bytes(name) == EXR_MAGIC:
-        return _read_exr(name, limit)
-    if name.lower().endswith(".exr"):
-        raise ValueError(f"{name}: is not an OpenEXR file")
-    return _read_other(name, encoding, limit)
+    is_exr = _first_bytes(name) == EXR_MAGIC
+    if name.lower().endswith(".exr") and not is_exr:
+        raise ImageError(f"{name}: is not an OpenEXR file")
+    with c_messages() as said:
+        try:
+            return _read_exr(name, limit) if is_exr else _read_other(name, encoding, limit)
+        except ImageError:
+            raise
+        except Exception as error:  # of a damaged file the libraries raise what they like
+            text = str(error)
+            if "Unable to open" in text:  # which is no news: it exists and was opened above
+                text = "damaged or truncated header"
+            reason = " ".join((said(name) or text or type(error).__name__).split())
+            raise ImageError(f"{name}: cannot be read: {reason}") from None
 
 
 def _first_bytes(name: str) -> bytes:
@@ -164,15 +177,15 @@ def _first_bytes(name: str) -> bytes:
             raise
         raise type(error)(f"{name}: {(error.strerror or 'unreadable').lower()}") from None
     if not first:
-        raise ValueError(f"{name}: is empty")
+        raise ImageError(f"{name}: is empty")
     return first
 
 
 def _check_size(name: str, width: int, height: int, channels: int, limit: int) -> None:
     if width < 1 or height < 1 or channels < 1:
-        raise ValueError(f"{name}: has no pixels ({width} x {height}, {channels} channels)")
+        raise ImageError(f"{name}: has no pixels ({width} x {height}, {channels} channels)")
     if width * height > limit or width * height * channels > CHANNELS_PER_PIXEL * limit:
-        raise ValueError(
+        raise ImageError(
             f"{name}: {width} x {height} with {channels} channels is more than the limit of "
             f"{limit} pixels (max_pixels)"
         )
@@ -181,16 +194,10 @@ def _check_size(name: str, width: int, height: int, channels: int, limit: int) -
 def _read_exr(name: str, limit: int) -> Planes:
     import OpenEXR
 
-    with c_messages() as said:
-        try:
-            top = OpenEXR.File(name, header_only=True)
-            _check_exr_header(name, top, limit)
-            file = OpenEXR.File(name, separate_channels=True)
-            if not file.parts:
-                raise RuntimeError("truncated or damaged pixel data")
-        except (RuntimeError, MemoryError) as error:
-            reason = said(name) or str(error).replace(f"'{name}' ", "")
-            raise ValueError(f"{name}: cannot be read as OpenEXR: {reason}") from None
+    _check_exr_header(name, OpenEXR.File(name, header_only=True), limit)
+    file = OpenEXR.File(name, separate_channels=True)
+    if not file.parts:  # the library's way to say that the pixels could not be read
+        raise RuntimeError("damaged or truncated pixel data")
     header = {k: v for k, v in file.header().items() if k != "channels"}
     found = {n: c.pixels for n, c in file.channels().items()}
     order = [n for n in "RGBA" if n in found]
@@ -204,16 +211,16 @@ def _check_exr_header(name: str, file: Any, limit: int) -> None:
     import OpenEXR
 
     if len(file.parts) != 1:
-        raise ValueError(f"{name}: has {len(file.parts)} parts; one image per file is read")
+        raise ImageError(f"{name}: has {len(file.parts)} parts; one image per file is read")
     header = file.header()
     if header.get("type") in (OpenEXR.deepscanline, OpenEXR.deeptile):
-        raise ValueError(f"{name}: is a deep image; only flat ones are read")
+        raise ImageError(f"{name}: is a deep image; only flat ones are read")
     low, high = (np.asarray(corner, dtype=np.int64) for corner in header["dataWindow"])
     width, height = (int(n) for n in high - low + 1)
     _check_size(name, width, height, len(header["channels"]), limit)
     for channel in header["channels"]:
         if channel.xSampling != 1 or channel.ySampling != 1:
-            raise ValueError(f"{name}: channel {channel.name} is subsampled, which is not read")
+            raise ImageError(f"{name}: channel {channel.name} is subsampled, which is not read")
 
 
 def _read_other(name: str, encoding: str | None, limit: int) -> Planes:
@@ -223,27 +230,25 @@ def _read_other(name: str, encoding: str | None, limit: int) -> Planes:
     raw_alpha.attribute("oiio:UnassociatedAlpha", 1)
     source = oiio.ImageInput.open(name, raw_alpha)
     if source is None:
-        reason = " ".join(oiio.geterror().split()) or "unknown format"
-        raise ValueError(f"{name}: cannot be read as an image: {reason}")
+        raise RuntimeError(oiio.geterror() or "unknown format")
     try:
         spec = source.spec()
         kind = str(spec.format)
         _check_size(name, spec.width, spec.height * spec.depth, spec.nchannels, limit)
         if spec.deep or spec.depth > 1:
-            raise ValueError(f"{name}: is a deep or volume image; only flat ones are read")
+            raise ImageError(f"{name}: is a deep or volume image; only flat ones are read")
         if source.seek_subimage(1, 0):
-            raise ValueError(f"{name}: holds several images; one image per file is read")
+            raise ImageError(f"{name}: holds several images; one image per file is read")
         source.seek_subimage(0, 0)
         if kind not in ("half", "float", "double", "uint8", "uint16"):
-            raise ValueError(f"{name}: samples of type {kind} are not read")
+            raise ImageError(f"{name}: samples of type {kind} are not read")
         if kind.startswith("uint") and encoding is None:
-            raise ValueError(
+            raise ImageError(
                 f"{name}: holds integers ({kind}); say whether they are linear or srgb (encoding)"
             )
         pixels = source.read_image(0, 0, 0, spec.nchannels, kind)
         if pixels is None or source.has_error:
-            reason = " ".join(source.geterror().split()) or "truncated"
-            raise ValueError(f"{name}: cannot be read: {reason}")
+            raise RuntimeError(source.geterror() or "truncated")
         metadata = {entry.name: entry.value for entry in spec.extra_attribs}
     finally:
         source.close()
