@@ -30,11 +30,12 @@ PREPARATION = ("filter", "storage")  # options of the pyramid, the others are th
 class Rendering:
     """A picture and how it was made.
 
-    ``image`` (H, W, 3); ``covered``: pixels that see the surface; ``samples``: taps of each lobe;
-    ``seconds``: what each stage took, compilation included.
+    ``image`` (H, W, 3); ``seen`` (H, W): pixels that see the surface, ``covered`` their number;
+    ``samples``: taps of each lobe; ``seconds``: what each stage took, compilation included.
     """
 
     image: FloatArray
+    seen: npt.NDArray[np.bool_]
     covered: int
     environment: str
     size: int
@@ -47,7 +48,7 @@ class Rendering:
         """Everything but the pixels, fit for JSON."""
         height, width = self.image.shape[:2]
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        del fields["image"]
+        del fields["image"], fields["seen"]
         return {"width": width, "height": height, **fields}
 
 
@@ -58,6 +59,7 @@ class TruthRendering:
     image: FloatArray
     error: FloatArray
     error_kind: str
+    seen: npt.NDArray[np.bool_]
     covered: int
     environment: str
     size: int
@@ -75,7 +77,7 @@ class TruthRendering:
         """Everything but the pixels, fit for JSON."""
         height, width = self.image.shape[:2]
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        del fields["image"], fields["error"]
+        del fields["image"], fields["error"], fields["seen"]
         relative = self.rms_error / self.radiance_rms if self.radiance_rms > 0.0 else 0.0
         errors = {
             "rms_error": self.rms_error,
@@ -118,13 +120,46 @@ def actual_samples(material: "Material", method: str, samples: int, threshold: f
 def diffuse_irradiance(
     material: "Material", cube: "CubeMap", points: "SurfacePoints"
 ) -> FloatArray | None:
-    """Irradiance (..., 3) at the points, or None for a material without kd."""
+    """Irradiance (..., 3) at the points, or None for a material without kd.
+
+    Interpolated in ``irradiance_map``, whose error is stated there.
+    """
     if not material.diffuse.any():
         return None
-    from . import irradiance
+    from .irradiance import irradiance_map
 
-    result: FloatArray = irradiance(cube, points.normal)
-    return result
+    return irradiance_map(cube).lookup(points.normal)
+
+
+def auto_exposure(image: FloatArray, seen: Any) -> float:
+    """Stops that bring the brightest hundredth of the surface's pixels to white, in halves."""
+    shown = image[seen] if np.any(seen) else image.reshape(-1, 3)
+    bright = float(np.percentile(np.max(shown, axis=-1), 99.0))
+    return float(np.round(-2.0 * np.log2(bright)) / 2.0) if bright > 0.0 else 0.0
+
+
+def write_picture(
+    path: str, image: FloatArray, seen: Any, exposure: float | None = None
+) -> float | None:
+    """Write an image; a PNG is exposed by ``exposure`` stops, or ``auto_exposure`` if None.
+
+    Returns the stops used, None for the linear formats, which are never exposed.
+
+    Raises
+    ------
+    ValueError
+        For an exposure given to a linear format.
+    """
+    from .image_write import write_image
+
+    if not path.lower().endswith(".png"):
+        if exposure is not None:
+            raise _check.fail("exposure", "is for PNG; EXR and HDR hold linear radiance", exposure)
+        write_image(path, image)
+        return None
+    stops = auto_exposure(image, seen) if exposure is None else exposure
+    write_image(path, image, exposure=stops)
+    return stops
 
 
 def with_background(scene: Scene, cube: "CubeMap", image: FloatArray, seen: Any) -> FloatArray:
@@ -173,6 +208,7 @@ def render_scene(scene: Scene) -> Rendering:
     threshold = options.get("threshold", known.get("threshold", 0.1))
     return Rendering(
         image=with_background(scene, cube, image, points.coverage),
+        seen=points.coverage,
         covered=int(points.coverage.sum()),
         environment=scene.environment.source,
         size=cube.size,
@@ -208,6 +244,7 @@ def render_reference(scene: Scene, estimator: str = "texels", **options: Any) ->
         image=with_background(scene, cube, radiance, seen),
         error=np.where(seen[..., None], truth.error, 0.0),
         error_kind=truth.error_kind,
+        seen=seen,
         covered=int(seen.sum()),
         environment=scene.environment.source,
         size=cube.size,

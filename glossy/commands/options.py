@@ -55,6 +55,16 @@ def add_background_argument(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_exposure_argument(parser: argparse.ArgumentParser) -> None:
+    """--exposure, for commands that write PNG."""
+    parser.add_argument(
+        "--exposure",
+        type=float,
+        metavar="S",
+        help="PNG: stops to brighten by (default: the brightest hundredth becomes white)",
+    )
+
+
 def add_method_arguments(parser: argparse.ArgumentParser) -> None:
     """--method, --samples and the options of the methods."""
     group = parser.add_argument_group("method")

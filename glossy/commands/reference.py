@@ -27,6 +27,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     options.add_scene_arguments(parser)
     options.add_background_argument(parser)
+    options.add_exposure_argument(parser)
     group = parser.add_argument_group("estimator")
     group.add_argument("--estimator", choices=("texels", "mc", "qmc"), default="texels")
     group.add_argument("--tolerance", type=float, metavar="X", help="relative error to reach")
@@ -39,19 +40,21 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def run(args: argparse.Namespace) -> int:
     """Integrate and write the picture with its error."""
-    from ..image import write_exr, write_image
-    from ..render import render_reference
+    from ..image import write_exr
+    from ..render import render_reference, write_picture
 
     options.check_output(args.output, (".exr", ".hdr", ".png"))
     wanted = {"samples": args.samples, "tolerance": args.tolerance, "seed": args.seed}
     args.samples = None  # of the estimator here, not of a method
     scene = options.scene_from(args)
     rendering = render_reference(scene, estimator=args.estimator, **wanted)
-    if str(args.output).lower().endswith(".exr"):
+    exposed = {}
+    if str(args.output).lower().endswith(".exr") and args.exposure is None:
         channels = {name: rendering.image[..., k] for k, name in enumerate("RGB")}
         channels |= {f"error.{name}": rendering.error[..., k] for k, name in enumerate("RGB")}
         write_exr(args.output, channels, metadata={"errorKind": rendering.error_kind})
     else:
-        write_image(args.output, rendering.image)
-    options.report(args, "reference", {"output": str(args.output), **rendering.to_dict()})
+        stops = write_picture(args.output, rendering.image, rendering.seen, args.exposure)
+        exposed = {} if stops is None else {"exposure": stops}
+    options.report(args, "reference", {"output": args.output, **rendering.to_dict(), **exposed})
     return 0

@@ -18,13 +18,15 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "render",
         help="render a scene with a real-time method",
         description="Render a scene, or the surface points of a G-buffer, with one of the "
-        "real-time methods. EXR and HDR hold linear radiance; PNG is clipped and sRGB encoded.",
+        "real-time methods. EXR and HDR hold linear radiance; PNG is exposed, clipped and sRGB "
+        "encoded.",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     options.add_scene_arguments(parser)
     options.add_background_argument(parser)
     options.add_method_arguments(parser)
+    options.add_exposure_argument(parser)
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help=".exr, .hdr or .png")
     options.add_json_argument(parser)
     parser.set_defaults(run=run)
@@ -32,12 +34,12 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def run(args: argparse.Namespace) -> int:
     """Render and write the picture."""
-    from ..image import write_image
-    from ..render import render_scene
+    from ..render import render_scene, write_picture
 
     options.check_output(args.output, (".exr", ".hdr", ".png"))
     scene = options.scene_from(args)
     rendering = render_scene(scene)
-    write_image(args.output, rendering.image)
-    options.report(args, "render", {"output": str(args.output), **rendering.to_dict()})
+    stops = write_picture(args.output, rendering.image, rendering.seen, args.exposure)
+    exposed = {} if stops is None else {"exposure": stops}
+    options.report(args, "render", {"output": args.output, **rendering.to_dict(), **exposed})
     return 0
