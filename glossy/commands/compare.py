@@ -91,6 +91,8 @@ def _pairs(a: str, b: str) -> list[tuple[str, str, str]]:
 
 def _compare(name: str, a: str, b: str, args: argparse.Namespace) -> "Comparison":
     """One comparison, and its difference picture if one is asked for."""
+    import numpy as np
+
     from .. import metrics
     from ..image import MAX_PIXELS, colour_channels, read_planes
 
@@ -117,7 +119,7 @@ def _compare(name: str, a: str, b: str, args: argparse.Namespace) -> "Comparison
     mask = None
     if args.mask:
         shown = read_planes(args.mask, args.encoding or "linear", limit)
-        mask = sum(plane > 0 for plane in shown.planes.values()) > 0  # type: ignore[operator]
+        mask = np.any([plane > 0 for plane in shown.planes.values()], axis=0)
         if mask.shape != first.shape:
             height, width = shown.shape
             rule = f"is {width} x {height}, the images {first.shape[1]} x {first.shape[0]}"

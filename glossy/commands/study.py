@@ -48,6 +48,6 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def run(args: argparse.Namespace) -> int:
     """Run the study, write its folder and print the tables."""
-    from ..study import commandline
+    from ..study.commandline import run as run_study
 
-    return commandline.run(args)
+    return run_study(args)
