@@ -28,4 +28,4 @@ def turn_faces(faces: npt.NDArray[np.float32], rotation: Float64Array) -> npt.ND
     f, s, t = locate(texel_directions(n) @ rotation)
     col = ((s + 1.0) * 0.5 * n).astype(int)
     row = ((t + 1.0) * 0.5 * n).astype(int)
-    return faces[f, row, col]
+    return np.asarray(faces[f, row, col])

@@ -2,8 +2,10 @@
 
 import math
 import pathlib
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -77,15 +79,16 @@ def test_lookup_at_texel_centres_returns_the_texels() -> None:
     assert np.allclose(cube.lookup(texel_directions(16)), cube.faces, rtol=1e-12, atol=1e-14)
 
 
-def naive_lookup(cube: glossy.CubeMap, d: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def naive_lookup(cube: glossy.CubeMap, d: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """The four texels by folding each one by hand, no padding: twin of the compiled lookup."""
     n = cube.size
-    face, s, t = (v.item() for v in locate(d))
+    found = locate(d)
+    face, s, t = int(found[0]), float(found[1]), float(found[2])
     p, q = (s + 1.0) * 0.5 * n - 0.5, (t + 1.0) * 0.5 * n - 0.5
     col, row = math.floor(p), math.floor(q)
     faces = cube.faces.astype(np.float64)
 
-    def texel(r: int, c: int) -> np.ndarray:  # type: ignore[type-arg]
+    def texel(r: int, c: int) -> npt.NDArray[Any]:
         inside_r, inside_c = min(max(r, 0), n - 1), min(max(c, 0), n - 1)
         if r != inside_r and c != inside_c:
             three = faces[face, inside_r, inside_c] + texel(inside_r, c) + texel(r, inside_c)

@@ -3,6 +3,8 @@
 import itertools
 import pathlib
 import warnings
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +25,7 @@ ULP = 2.0**-23
 FILTER_ROUNDING = 6 * 2.0**-24
 """Two passes of six float32 terms: a handful of roundings relative to the largest texel."""
 
-MODES = {
+MODES: dict[str, dict[str, Any]] = {
     "out_linear_mipmap_linear": {},
     "out_nearest_mipmap_nearest": {"filter": "nearest", "mip": "nearest"},
     "out_linear_mipmap_nearest": {"mip": "nearest"},
@@ -59,8 +61,7 @@ def test_agrees_with_a_gpu_sampler(
     with np.load(conformance / f"cubemap_{name}.npz") as z:
         count = sum(k.startswith("level") for k in z.files)
         pyramid = glossy.Pyramid([z[f"level{i}"] for i in range(count)])
-        options: dict[str, object] = dict(MODES[mode])
-        got = pyramid.sample(z["dirs"], z["lod"], precision=precision, **options)  # type: ignore[arg-type]
+        got = pyramid.sample(z["dirs"], z["lod"], precision=precision, **MODES[mode])
         error = np.abs(got - z[mode]).max()
     tolerance = max(3e-7, 1e-7 * pyramid.size) * (2.0 if precision == "single" else 1.0)
     assert error <= (0.0 if "nearest_mipmap" in mode else tolerance)
@@ -302,9 +303,11 @@ def test_size_4096() -> None:
         (lambda p: glossy.build_pyramid(random_cube(4), storage="rgb9e5"), "storage: must be one"),
     ],
 )
-def test_bad_arguments_name_the_argument_and_the_rule(call: object, message: str) -> None:
+def test_bad_arguments_name_the_argument_and_the_rule(
+    call: Callable[[glossy.Pyramid], object], message: str
+) -> None:
     with pytest.raises(ValueError, match=message) as caught:
-        call(random_pyramid(4))  # type: ignore[operator]
+        call(random_pyramid(4))
     assert "\n" not in str(caught.value)
 
 

@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from typing import Any
 
 import numba
 import numpy as np
@@ -103,7 +104,7 @@ def naive_shade(
                 else:
                     p_h = np.mean(D) if normalisation == "paper" else np.mean(D * h[:, 2])
                     p = p_h / (4 * cos_h)
-                    cell = pattern.cell
+                    cell = np.asarray(pattern.cell, dtype=np.float64)
                     texels = {
                         "paper": A * pyramid.size**2 / (4 * len(h)) * d / cos_h,
                         "thesis": A * pyramid.size**2 / (4 * len(h)) * d**3,
@@ -173,8 +174,9 @@ def test_vectorised_loop_is_left_where_it_does_not_apply() -> None:
     full = glossy.build_pyramid(bright_cube(16))
     odd = glossy.Pyramid([np.ones((6, n, n, 3)) for n in (12, 6, 3)])
     short = glossy.Pyramid(full.levels[:3])
-    assert [tiles.fits(p, np.float32, 0.0) for p in (full, odd, short)] == [
-        not numba.config.DISABLE_JIT, False, False]  # fmt: skip
+    config: Any = numba.config
+    compiled = not config.DISABLE_JIT
+    assert [tiles.fits(p, np.float32, 0.0) for p in (full, odd, short)] == [compiled, False, False]
     assert not tiles.fits(full, np.float64, 0.0)
     assert not tiles.fits(full, np.float32, 256.0)
     for pyramid in (odd, short):
@@ -245,7 +247,9 @@ def test_unfiltered_samples_converge_to_the_truth(method: str) -> None:
     cube = smooth_cube()
     points = random_points(20, low=0.3)
     truth = glossy.reference(points, glossy.Material(reflection=[LOBES["aniso"]]), cube).radiance
-    options = {} if method == "importance" else {"normalisation": "projected", "threshold": 1e-6}
+    options: dict[str, Any] = {}
+    if method == "regular":
+        options = {"normalisation": "projected", "threshold": 1e-6}
     errors = []
     for samples in (100, 10000):
         got = glossy.shade(
