@@ -237,7 +237,9 @@ def _read_other(name: str, encoding: str | None, limit: int) -> Planes:
         _check_size(name, spec.width, spec.height * spec.depth, spec.nchannels, limit)
         if spec.deep or spec.depth > 1:
             raise ImageError(f"{name}: is a deep or volume image; only flat ones are read")
-        if source.seek_subimage(1, 0):
+        several = source.seek_subimage(1, 0)
+        source.geterror()  # forget that there is no second one
+        if several:
             raise ImageError(f"{name}: holds several images; one image per file is read")
         source.seek_subimage(0, 0)
         if kind not in ("half", "float", "double", "uint8", "uint16"):
@@ -250,6 +252,8 @@ def _read_other(name: str, encoding: str | None, limit: int) -> Planes:
         if pixels is None or source.has_error:
             raise RuntimeError(source.geterror() or "truncated")
         metadata = {entry.name: entry.value for entry in spec.extra_attribs}
+        if source.format_name() == "hdr":
+            pixels = _eight_bits(pixels)
     finally:
         source.close()
     pixels = _upright(
@@ -262,6 +266,14 @@ def _read_other(name: str, encoding: str | None, limit: int) -> Planes:
             plane = _decode_table(kind, "linear" if channel == "A" else str(encoding))[plane]
         planes[channel] = plane
     return Planes(name, planes, {**metadata, "sample_type": kind})
+
+
+def _eight_bits(pixels: Float32Array) -> Float32Array:
+    # eq. (1) exactly: the reader's powers of two are off by a last bit for three exponents, and a
+    # mantissa has at most 8 significant bits (below the normal range the reader is exact)
+    bits = pixels.view(np.uint32)
+    rounded = (bits + np.uint32(0x8000)) & np.uint32(0xFFFF0000)
+    return np.where(bits >= 0x00800000, rounded, bits).view(np.float32)
 
 
 def _upright(pixels: Plane, orientation: int) -> Plane:
