@@ -95,7 +95,7 @@ def test_wide_lobes_stay_within_the_bound(
     material = Material(transmission=[lobe]) if transmitted else Material(0.2, [lobe])
     p, cube = plain_truth.point(seed, cos_o), spots(size, seed, spots=2)
     truth = glossy.reference(p, material, cube, tolerance=tolerance)
-    coarse, plain = (plain_truth.over_texels(p, material, cube, n) for n in (96, 192))
+    coarse, plain = (plain_truth.over_texels(p, material, cube, n) for n in (80, 160))
     slack = np.abs(plain - coarse).max() + tolerances.ROUNDOFF
     assert np.all(np.abs(truth.radiance - plain) <= truth.error + slack)
 
