@@ -10,11 +10,13 @@ pixel summed over its channels, L a luminance ::
 An error that alternates from pixel to pixel like white noise has roughness 1, a smooth one less.
 """
 
+import contextlib
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -25,6 +27,9 @@ COARSE = tuple(np.arange(-2.5, 1.51, 0.5).tolist())
 FURTHER = 4  # steps beyond the coarse grid, should the best lie on its edge
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 GOLDEN_STEPS = 5
+
+ENOUGH = 0.05  # seconds of timed runs
+MOST = 9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,10 +152,12 @@ def _vertex(x: list[float], y: list[float]) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Timing:
-    """Wall seconds of each run and their median; CPU seconds over all threads, against a baseline.
+    """How long a picture takes.
 
-    The baseline is run in turn with the picture, so that ``cpu_ratio`` tells more than the seconds
-    do on a machine with other work.
+    ``seconds``: median wall time of the ``runs``, on all threads; ``cpu_seconds``: least CPU time
+    of a run on one thread, where nothing waits for another; ``cpu_ratio``: that over the
+    baseline's, which is run in turn with the picture. Other work on the machine lengthens the wall
+    time; the CPU time and the ratio suffer least.
     """
 
     seconds: float
@@ -160,17 +167,37 @@ class Timing:
 
 
 def timed(run: Callable[[], Any], baseline: Callable[[], Any], repeats: int) -> tuple[Any, Timing]:
-    """What ``run`` returns, and its time over ``repeats`` runs; both functions must be warm."""
-    wall, cpu, base = [], [], []
+    """What ``run`` returns, and its time; both functions must be warm.
+
+    At least ``repeats`` runs, more while they are short: until ``ENOUGH`` seconds or ``MOST`` runs.
+    """
+    wall: list[float] = []
+    cpu: list[float] = []
+    base: list[float] = []
     result = None
-    for _ in range(repeats):
-        start = time.process_time()
-        baseline()
-        base.append(time.process_time() - start)
-        start, clock = time.process_time(), time.perf_counter()
+    while len(wall) < repeats or (sum(wall) < ENOUGH and len(wall) < MOST):
+        start = time.perf_counter()
         result = run()
-        wall.append(time.perf_counter() - clock)
-        cpu.append(time.process_time() - start)
-    spent = float(np.median(cpu))
-    ratio = spent / max(float(np.median(base)), 1e-9)
-    return result, Timing(float(np.median(wall)), wall, spent, ratio)
+        wall.append(time.perf_counter() - start)
+        with one_thread():
+            cpu.append(_cpu_time(run))
+            base.append(_cpu_time(baseline))
+    ratio = min(cpu) / max(min(base), 1e-9)
+    return result, Timing(float(np.median(wall)), wall, min(cpu), ratio)
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Kernels run on one thread meanwhile."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
+
+
+def _cpu_time(run: Callable[[], Any]) -> float:
+    start = time.process_time()
+    run()
+    return time.process_time() - start

@@ -1,8 +1,8 @@
 """Plots of a study: error against time, and pictures beside the truth as in the paper's figures.
 
-Pictures are exposed so that the truth's 98th percentile is white, then sRGB encoded; the exposure
-is printed. Differences are |image - truth| in luminance over the truth's RMS, one scale for all
-panels of a figure.
+Pictures are exposed so that the truth's 95th percentile is white, then sRGB encoded; the exposure
+is printed. Differences are |image - truth| in luminance over the truth's RMS, one scale for each
+row.
 """
 
 import pathlib
@@ -25,7 +25,7 @@ FloatArray = npt.NDArray[np.floating]
 
 COLOURS = ("#0072b2", "#009e73", "#e69f00", "#d55e00", "#cc79a7", "#56b4e9", "#000000")
 MARKERS = ("o", "s", "D", "^", "v", "P", "X")
-WHITE = 98.0  # percentile of the truth's luminance that becomes white
+WHITE = 95.0  # percentile of the truth's luminance that becomes white
 PICTURE_ROWS = (14, 30, 270)
 
 
@@ -47,7 +47,7 @@ def speed_against_error(cells: Sequence["Cell"], path: pathlib.Path, subtitle: s
     """Relative RMS error over CPU time per pixel, log-log, one panel for each case.
 
     Filled markers and full lines have the best bias, hollow ones and dashed lines none; the
-    numbers are samples. Below the grey line an error cannot be told from the truth's own.
+    numbers are samples. Where the truth's own error is large enough to be seen it is shaded.
     """
     from matplotlib.lines import Line2D
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
@@ -93,10 +93,12 @@ def speed_against_error(cells: Sequence["Cell"], path: pathlib.Path, subtitle: s
         if doubt > 0.0:
             panel.axhline(doubt, color="#999999", linewidth=1.0)
             panel.axhspan(doubt * 1e-3, doubt, color="#999999", alpha=0.18, linewidth=0)
+        words = f"truth known to ±{doubt:.2g} %"
+        panel.text(0.03, 0.03, words, transform=panel.transAxes, fontsize=8.5, color="#444444")
         panel.set_xscale("log")
         panel.set_yscale("log")
         panel.set_title(case, fontsize=11)
-        panel.set_xlabel("CPU time per pixel [µs, all threads]")
+        panel.set_xlabel("CPU time per pixel [µs, one thread]")
         panel.grid(visible=True, which="major", color="#d8d8d8", linewidth=0.7)
         panel.grid(visible=True, which="minor", color="#eeeeee", linewidth=0.4)
         for axis in (panel.xaxis, panel.yaxis):
@@ -106,7 +108,7 @@ def speed_against_error(cells: Sequence["Cell"], path: pathlib.Path, subtitle: s
     panels[0].set_ylabel("RMS error / RMS of the truth [%]")
     errors = [100.0 * c.relative_rms for c in cells if c.relative_rms > 0.0]
     if errors:
-        panels[0].set_ylim(0.6 * min(errors), 1.5 * max(errors))
+        panels[0].set_ylim(0.4 * min(errors), 1.5 * max(errors))
     handles = [
         Line2D([], [], color=COLOURS[k % 7], marker=MARKERS[k % 7], label=method)
         for k, method in enumerate(methods)
@@ -155,9 +157,6 @@ def pictures(study: "Study", case_name: str, bias_kind: str, path: pathlib.Path)
             cell = next(c for c in table.line(label, case_name, bias_kind) if c.budget == budget)
             row.append((cell, np.asarray(study.image(case, method, budget, cell.bias), float)))
         rows.append(row)
-    differences = [np.abs((image - truth) @ LUMINANCE) / level for row in rows for _, image in row]
-    top = max(float(np.percentile(np.concatenate(differences), 99.5)), 1e-12)
-
     height, width = study.seen.shape
     aspect = height / width
     figure = _figure(12.6, 2.3 * aspect * len(budgets) + 0.35 * len(budgets) + 0.9)
@@ -167,7 +166,6 @@ def pictures(study: "Study", case_name: str, bias_kind: str, path: pathlib.Path)
         encoded = encode_srgb(np.clip(_grid(values, study.seen, 0.0) / white, 0.0, 1.0))
         panel.imshow(encoded, interpolation="nearest")
 
-    scale: Any = None
     for panel_row, row in zip(panels, rows, strict=True):
         for panel, (cell, image) in zip(panel_row[:2], row, strict=True):
             show(panel, image)
@@ -176,18 +174,20 @@ def pictures(study: "Study", case_name: str, bias_kind: str, path: pathlib.Path)
             panel.set_title(f"{cell.method}\nn={cell.samples}{xi}{bias}", fontsize=9)
         show(panel_row[2], truth)
         panel_row[2].set_title("truth\n(texel quadrature)", fontsize=9)
-        for panel, (cell, image) in zip(panel_row[3:], row, strict=True):
-            error = np.abs((image - truth) @ LUMINANCE) / level
+        errors = [100.0 * np.abs((image - truth) @ LUMINANCE) / level for _, image in row]
+        top = max(float(np.percentile(np.concatenate(errors), 99.5)), 1e-12)
+        for panel, (cell, _), error in zip(panel_row[3:], row, errors, strict=True):
             grid = np.ma.masked_array(_grid(error, study.seen, 0.0), ~study.seen)
             scale = panel.imshow(grid, cmap="inferno", vmin=0.0, vmax=top, interpolation="nearest")
             panel.set_facecolor("#3a3a3a")
             figures = f"RMS {100.0 * cell.relative_rms:.3g} %"
             panel.set_title(f"|{cell.method} − truth|\n{figures}", fontsize=9)
+        bar = figure.colorbar(scale, ax=panel_row[4], shrink=0.95, extend="max")
+        bar.set_label("% of the truth's RMS", fontsize=8)
+        bar.ax.tick_params(labelsize=8)
         for panel in panel_row:
             panel.set_xticks([])
             panel.set_yticks([])
-    bar = figure.colorbar(scale, ax=panels[:, 4].tolist(), shrink=0.9, extend="max")
-    bar.set_label("|difference| / RMS of the truth", fontsize=9)
     bias = "with the best level bias" if bias_kind == "best" else "without level bias"
     figure.suptitle(f"{case_name}, {bias}   (white = {white:.3g}, sRGB)", fontsize=11)
     _save(figure, path)

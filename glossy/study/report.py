@@ -41,7 +41,7 @@ def error_table(cells: Sequence[Cell]) -> str:
 
 
 def time_table(cells: Sequence[Cell]) -> str:
-    """CPU time of the bias-0 cells against the baseline, and nanoseconds for a sample."""
+    """Times of the bias-0 cells: of a picture, CPU time over the baseline's, per sample."""
     table = Table(cells)
     methods = list(dict.fromkeys(c.method for c in cells))
     width = max(len(m) for m in methods) + 2
@@ -54,7 +54,7 @@ def time_table(cells: Sequence[Cell]) -> str:
             row = table.line(method, case, "zero")
             lines.append(_row(method, "ms", [f"{1e3 * c.seconds:.3g}" for c in row], width))
             lines.append(_row("", "CPU ratio", [f"{c.cpu_ratio:.3g}" for c in row], width))
-            lines.append(_row("", "ns/sample", [f"{c.ns_per_sample:.3g}" for c in row], width))
+            lines.append(_row("", "CPU ns/tap", [f"{c.ns_per_sample:.3g}" for c in row], width))
         lines.append("")
     return "\n".join(lines)
 
@@ -149,9 +149,10 @@ def markdown(study: "Study", variants: dict[str, list[Claim]], pictures: Sequenc
         "reaches. Best bias: least RMS error over "
         f"about {s['bias_search_pixels']} of the pixels; errors are over all of them.\n",
         f"glossy {last['glossy']}, NumPy {last['numpy']}, Numba {last['numba']}, Python "
-        f"{last['python']}; {last['cpu']}, {last['threads']} threads; median of {s['repeats']} "
-        "warm runs. CPU time ratios are against the first case and method at the smallest budget, "
-        "measured in turn with each cell.\n",
+        f"{last['python']}; {last['cpu']}, {last['threads']} threads. Times of a picture are the "
+        f"median of at least {s['repeats']} warm runs on all threads; CPU times are of one thread, "
+        "as ratios to the first case and method at the smallest budget, run in turn with each "
+        "cell.\n",
         "## Which of the paper's claims hold in these runs\n",
     ]
     if first is None:

@@ -31,7 +31,8 @@ class Cell:
 
     ``samples``: taps per pixel over all lobes (``taps``: of each); ``threshold``: None where the
     method has none; ``truth_error``: RMS of the truth's own error estimate, in the units of
-    ``rms``; ``search``: the (bias, RMS of the subset) tried; ``session``: which run measured it.
+    ``rms``; ``truth_level``: RMS of the truth; ``ns_per_sample``: CPU time of one thread for a
+    tap; ``search``: the (bias, RMS of the subset) tried; ``session``: which run measured it.
     """
 
     case: str
@@ -289,7 +290,7 @@ class Study:
             pixels=pixels,
             truth_error=truth.rms_error,
             truth_level=level,
-            ns_per_sample=timing.seconds * 1e9 / (pixels * sum(taps)),
+            ns_per_sample=timing.cpu_seconds * 1e9 / (pixels * sum(taps)),
             search=[list(pair) for pair in search],
             session=self.store.session,
             **dataclasses.asdict(figures),
