@@ -8,6 +8,7 @@ Each pixel shows the channel c in which test a and reference b differ most, ::
 on a linear scale that ends at ``limit``; beyond it the map's last colour. Unless given, the limit
 is the 99.9th percentile of (1) rounded up to 1, 2 or 5 times a power of ten: a single outlier
 would turn the picture black. The legend says where the scale ends and how large (1) becomes.
+Pixels outside a mask are grey, and take no part in the scale.
 """
 
 import math
@@ -20,20 +21,36 @@ import numpy.typing as npt
 from . import _check
 
 Plane = npt.NDArray[Any]
+Mask = npt.NDArray[np.bool_]
 Float32Array = npt.NDArray[np.float32]
 Pixels = npt.NDArray[np.uint8]
 
 PERCENTILE = 99.9
 SMALLEST = 256  # smaller pictures are enlarged by a whole factor, so that the legend can be read
+WIDEST = 4096  # but not beyond this width; white rows make up for the rest
+TALLEST = 4096  # of the legend
 MAPS = {False: "inferno", True: "RdBu_r"}
+OUTSIDE = (128, 128, 128)
 
 
-def difference(a: Sequence[Plane], b: Sequence[Plane]) -> Float32Array:
-    """Signed difference (H, W) in the channel that differs most, eq. (2), of planes (H, W)."""
+def difference(a: Sequence[Plane], b: Sequence[Plane], mask: Mask | None = None) -> Float32Array:
+    """Signed difference (H, W) in the channel that differs most, eq. (2), of planes (H, W).
+
+    It is 0 outside the mask, whatever is there.
+
+    Raises
+    ------
+    ValueError
+        If a difference is NaN or infinite in single precision.
+    """
     out = np.zeros(a[0].shape, dtype=np.float32)
     for first, second in zip(a, b, strict=True):
-        with np.errstate(all="ignore"):  # the caller refuses what is not finite
+        with np.errstate(all="ignore"):
             d = np.subtract(first, second, dtype=np.float32)
+        if mask is not None:
+            d[~mask] = 0.0
+        if not np.isfinite(d).all():
+            raise _check.fail("a - b", "must be finite in single precision", "NaN or infinity")
         np.copyto(out, d, where=np.abs(d) > np.abs(out))
     return out
 
@@ -92,29 +109,38 @@ def planes_picture(
     a: Sequence[Plane],
     b: Sequence[Plane],
     *,
+    mask: Mask | None = None,
     signed: bool = False,
     limit: float | None = None,
     unit: str = "radiance",
 ) -> Pixels:
-    """`difference_picture` of separate channels, each (H, W)."""
-    d = difference(a, b)
+    """`difference_picture` of separate channels, each (H, W), and of a mask (H, W)."""
+    d = difference(a, b, mask)
     size = np.abs(d)
-    if not np.isfinite(size).all():
-        raise _check.fail("a - b", "must be finite in single precision", "NaN or infinity")
     top = float(size.max())
     if limit is None:
-        end = round_up(float(np.percentile(size, PERCENTILE)) or top)
+        seen = size if mask is None else size[mask]
+        end = round_up(float(np.percentile(seen, PERCENTILE)) or top)
     else:
         end = _check.positive("limit", limit)
     from matplotlib import colormaps
 
     table = colormaps[MAPS[signed]](np.linspace(0.0, 1.0, 256), bytes=True)[:, :3]
-    place = (d / np.float32(end) + 1.0) * 127.5 if signed else size * np.float32(255.0 / end)
+    with np.errstate(over="ignore"):  # beyond the scale
+        v = np.divide(d if signed else size, end, dtype=np.float64)
+    place = (v + 1.0) * 127.5 if signed else v * 255.0
     picture = table[np.rint(np.clip(place, 0.0, 255.0)).astype(np.uint8)]
-    factor = max(1, -(-SMALLEST // d.shape[0]))
+    if mask is not None:
+        picture[~mask] = OUTSIDE
+    factor = max(1, min(-(-SMALLEST // d.shape[0]), WIDEST // d.shape[1]))
     picture = picture.repeat(factor, axis=0).repeat(factor, axis=1)
-    bar = _legend(table, picture.shape[0], end, top, signed, unit)
-    return np.ascontiguousarray(np.concatenate([picture, bar], axis=1))
+    height = max(picture.shape[0], SMALLEST)
+    bar = _legend(table, min(height, TALLEST), end, top, signed, unit)
+    parts = [
+        np.pad(p, ((0, height - len(p)), (0, 0), (0, 0)), constant_values=255)
+        for p in (picture, bar)
+    ]
+    return np.concatenate(parts, axis=1)
 
 
 def _legend(table: Pixels, height: int, end: float, top: float, signed: bool, unit: str) -> Pixels:
