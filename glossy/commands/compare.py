@@ -2,12 +2,16 @@
 
 import argparse
 import json
+import math
 import os
 import pathlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
     from ..metrics import Comparison
 
 EXAMPLE = """\
@@ -19,7 +23,7 @@ examples:
 exit code: 0 within the limits, 1 outside, 2 unusable input
 """
 
-LIMITS = ("max_rms", "max_relative_rms", "min_psnr")
+LIMITS = {"max_rms": 0.0, "max_relative_rms": 0.0, "min_psnr": -math.inf}  # and their least values
 IMAGE_SUFFIXES = (".exr", ".hdr", ".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pfm")
 OUTSIDE = 1
 
@@ -48,12 +52,12 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     what.add_argument("--mask", metavar="M", help="image; only its pixels above 0 are compared")
     what.add_argument("--encoding", choices=("linear", "srgb"), help="meaning of integer images")
     what.add_argument("--channels", metavar="C,C", help="channels by name (default R,G,B or Y)")
+    what.add_argument("--flip", action="store_true", help="the mean FLIP error, too")
     what.add_argument(
-        "--flip",
-        nargs="?",
-        const="auto",
+        "--flip-kind",
         choices=("auto", "ldr", "hdr"),
-        help="mean FLIP error too; auto: ldr for integer images, else hdr",
+        default="auto",
+        help="for what displays; auto: ldr for a reference of integers, else hdr",
     )
     what.add_argument(
         "--max-pixels", type=int, metavar="N", help="largest image admitted (default 2^28)"
@@ -89,18 +93,25 @@ def _pairs(a: str, b: str) -> list[tuple[str, str, str]]:
     return [(name, os.path.join(a, name), os.path.join(b, name)) for name in sorted(names[0])]
 
 
+def _check_target(path: str, folders: bool) -> None:
+    """The place of the difference pictures, before anything is read."""
+    if folders:
+        if os.path.exists(path) and not os.path.isdir(path):
+            raise ValueError(f"{path}: must be a folder, for the pictures of two folders")
+    elif not path.lower().endswith(".png"):
+        raise ValueError(f"{path}: a difference picture is a .png")
+
+
 def _compare(name: str, a: str, b: str, args: argparse.Namespace) -> "Comparison":
     """One comparison, and its difference picture if one is asked for."""
-    import numpy as np
-
     from .. import metrics
     from ..image import MAX_PIXELS, colour_channels, read_planes
 
     limit = MAX_PIXELS if args.max_pixels is None else args.max_pixels
     first, second = (read_planes(path, args.encoding, limit) for path in (a, b))
     wanted: Sequence[str] | None
-    if args.channels:
-        wanted = args.channels.split(",")
+    if args.channels is not None:
+        wanted = list(dict.fromkeys(n.strip() for n in args.channels.split(",")))
     else:
         wanted = colour_channels(tuple(second.planes))
         if wanted is None:
@@ -116,27 +127,46 @@ def _compare(name: str, a: str, b: str, args: argparse.Namespace) -> "Comparison
         sizes = [f"{w} x {h}" for h, w in (first.shape, second.shape)]
         raise ValueError(f"{a}: is {sizes[0]}, the reference {sizes[1]}")
     planes = [dict(zip(wanted, p.select(wanted), strict=True)) for p in (first, second)]
-    mask = None
-    if args.mask:
-        shown = read_planes(args.mask, args.encoding or "linear", limit)
-        mask = np.any([plane > 0 for plane in shown.planes.values()], axis=0)
-        if mask.shape != first.shape:
-            height, width = shown.shape
-            rule = f"is {width} x {height}, the images {first.shape[1]} x {first.shape[0]}"
-            raise ValueError(f"{args.mask}: {rule}")
-        if not mask.any():
-            raise ValueError(f"{args.mask}: has no pixel above 0")
-    flip: bool | str = args.flip or False
+    mask = None if args.mask is None else _mask(args.mask, args.encoding, limit, first.shape)
+    flip: bool | str = args.flip and args.flip_kind
     if flip == "auto":
         integers = str(second.metadata.get("sample_type", "")).startswith("uint")
         flip = "ldr" if integers else "hdr"
     found = metrics.compare_planes(*planes, peak=args.peak, mask=mask, flip=flip, labels=(a, b))
-    if args.diff:
-        _draw(name, planes, args)
+    if args.diff is not None:
+        _draw(name, planes, mask, args)
     return found
 
 
-def _draw(name: str, planes: list[dict[str, Any]], args: argparse.Namespace) -> None:
+def _mask(
+    path: str, encoding: str | None, limit: int, shape: tuple[int, int]
+) -> "npt.NDArray[np.bool_]":
+    """Where a colour channel of a mask image is above 0, or any channel if it has no colours."""
+    import numpy as np
+
+    from ..image import colour_channels, read_planes
+
+    shown = read_planes(path, encoding or "linear", limit)
+    if shown.shape != shape:
+        sizes = [f"{w} x {h}" for h, w in (shown.shape, shape)]
+        raise ValueError(f"{path}: is {sizes[0]}, the images {sizes[1]}")
+    kept = np.zeros(shape, dtype=np.bool_)
+    for plane in shown.select(colour_channels(tuple(shown.planes)) or tuple(shown.planes)):
+        unknown = int(np.count_nonzero(np.isnan(plane)))
+        if unknown:
+            raise ValueError(f"{path}: a mask must not hold NaN, got {unknown} of them")
+        kept |= plane > 0
+    if not kept.any():
+        raise ValueError(f"{path}: has no pixel above 0")
+    return kept
+
+
+def _draw(
+    name: str,
+    planes: list[dict[str, Any]],
+    mask: "npt.NDArray[np.bool_] | None",
+    args: argparse.Namespace,
+) -> None:
     from ..difference import planes_picture
     from ..image_write import write_png
 
@@ -145,7 +175,7 @@ def _draw(name: str, planes: list[dict[str, Any]], args: argparse.Namespace) -> 
         os.makedirs(target, exist_ok=True)
         target = os.path.join(target, f"{name}.png")
     first, second = (list(p.values()) for p in planes)
-    write_png(target, planes_picture(first, second, signed=args.signed))
+    write_png(target, planes_picture(first, second, mask=mask, signed=args.signed))
 
 
 def _failures(found: "Comparison", args: argparse.Namespace) -> list[str]:
@@ -191,11 +221,14 @@ def run(args: argparse.Namespace) -> int:
     from .. import _check
 
     _check.positive("peak", args.peak)
-    for limit in LIMITS:
+    for limit, low in LIMITS.items():
         if getattr(args, limit) is not None:
-            _check.number(limit, getattr(args, limit))
+            _check.in_range(limit, getattr(args, limit), low=low)
+    pairs = _pairs(args.image, args.reference)
+    if args.diff is not None:
+        _check_target(args.diff, os.path.isdir(args.image))
     results = []
-    for name, a, b in _pairs(args.image, args.reference):
+    for name, a, b in pairs:
         found = _compare(name, a, b, args)
         results.append((name, a, b, found, _failures(found, args)))
     results.sort(key=lambda r: (-r[3].relative_rms, -r[3].rms, r[0]))
