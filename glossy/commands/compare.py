@@ -93,8 +93,10 @@ def _pairs(a: str, b: str) -> list[tuple[str, str, str]]:
     return [(name, os.path.join(a, name), os.path.join(b, name)) for name in sorted(names[0])]
 
 
-def _check_target(path: str, folders: bool) -> None:
-    """The place of the difference pictures, before anything is read."""
+def _check_target(path: str, inputs: Sequence[str | None], folders: bool) -> None:
+    """The place of the difference pictures, before anything is read: none of the inputs."""
+    if os.path.realpath(path) in [os.path.realpath(p) for p in inputs if p is not None]:
+        raise ValueError(f"{path}: is one of the inputs, so the difference must go elsewhere")
     if folders:
         if os.path.exists(path) and not os.path.isdir(path):
             raise ValueError(f"{path}: must be a folder, for the pictures of two folders")
@@ -104,11 +106,15 @@ def _check_target(path: str, folders: bool) -> None:
 
 def _compare(name: str, a: str, b: str, args: argparse.Namespace) -> "Comparison":
     """One comparison, and its difference picture if one is asked for."""
+    from concurrent.futures import ThreadPoolExecutor
+
     from .. import metrics
     from ..image import MAX_PIXELS, colour_channels, read_planes
 
     limit = MAX_PIXELS if args.max_pixels is None else args.max_pixels
-    first, second = (read_planes(path, args.encoding, limit) for path in (a, b))
+    with ThreadPoolExecutor(2) as pool:  # the libraries let other threads run while they read
+        jobs = [pool.submit(read_planes, path, args.encoding, limit) for path in (a, b)]
+        first, second = (job.result() for job in jobs)
     wanted: Sequence[str] | None
     if args.channels is not None:
         wanted = list(dict.fromkeys(n.strip() for n in args.channels.split(",")))
@@ -126,6 +132,9 @@ def _compare(name: str, a: str, b: str, args: argparse.Namespace) -> "Comparison
     if first.shape != second.shape:
         sizes = [f"{w} x {h}" for h, w in (first.shape, second.shape)]
         raise ValueError(f"{a}: is {sizes[0]}, the reference {sizes[1]}")
+    windows = [str(p.metadata.get("dataWindow", "")) for p in (first, second)]
+    if all(windows) and windows[0] != windows[1]:
+        raise ValueError(f"{a}: its data window is not the reference's, pixels do not correspond")
     planes = [dict(zip(wanted, p.select(wanted), strict=True)) for p in (first, second)]
     mask = None if args.mask is None else _mask(args.mask, args.encoding, limit, first.shape)
     flip: bool | str = args.flip and args.flip_kind
@@ -226,7 +235,8 @@ def run(args: argparse.Namespace) -> int:
             _check.in_range(limit, getattr(args, limit), low=low)
     pairs = _pairs(args.image, args.reference)
     if args.diff is not None:
-        _check_target(args.diff, os.path.isdir(args.image))
+        inputs = (args.image, args.reference, args.mask)
+        _check_target(args.diff, inputs, os.path.isdir(args.image))
     results = []
     for name, a, b in pairs:
         found = _compare(name, a, b, args)
