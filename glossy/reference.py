@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check
-from .brdf import Material
+from .brdf import Lobe, Material
 from .cubemap import CubeMap
 from .frames import SurfacePoints
 from .truth.cells import check_finite, radiance_tree
@@ -84,8 +84,8 @@ def reference(
     ----------
     points : SurfacePoints
         Of any shape. Masked points cost nothing and come out 0.
-    material : Material, or anything with ``eval(wi, wo)``, ``sample(xi, wo)``, ``pdf(wi, wo)``
-        The methods take and return NumPy arrays: directions (..., 3) in the frame (t, b, n),
+    material : Material, Lobe, or anything with ``eval``, ``sample`` and ``pdf``
+        Called as ``eval(wi, wo)``, ``sample(xi, wo)``, ``pdf(wi, wo)``. The methods take and return NumPy arrays: directions (..., 3) in the frame (t, b, n),
         uniform numbers (..., 2), BSDF (...) or (..., 3) without the cosine, density per solid
         angle over the whole sphere. For such a material ``texels`` is some hundred times slower
         than for a ``Material``, and its bound is an estimate.
@@ -222,7 +222,9 @@ def _texels(
 
 
 def _shown(material: Any, diffuse: bool) -> Any:
-    """The material as it is to be integrated."""
+    """The material as it is to be integrated; a Lobe alone is a Material of one."""
+    if isinstance(material, Lobe):
+        material = Material(reflection=[material])
     if isinstance(material, Material):
         return material if diffuse else dataclasses.replace(material, kd=0.0)
     missing = [n for n in ("eval", "sample", "pdf") if not callable(getattr(material, n, None))]

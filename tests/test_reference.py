@@ -505,3 +505,14 @@ def test_truth_is_a_frozen_record() -> None:
     assert truth.samples.tolist() == [64]
     with pytest.raises(dataclasses.FrozenInstanceError):
         truth.estimator = "qmc"  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("estimator", ["texels", "mc"])
+def test_a_lobe_alone_is_a_material_of_one(estimator: str) -> None:
+    lobe, cube = Lobe(0.2, 0.1), noise(8)
+    point = SurfacePoints([0, 0, 1.0], [1.0, 0, 0], [0.6, 0, 0.8])
+    alone, whole = (
+        glossy.reference(point, m, cube, estimator, samples=512)
+        for m in (lobe, Material(reflection=[lobe]))
+    )
+    assert np.array_equal(alone.radiance, whole.radiance)
