@@ -1,261 +1,346 @@
-"""``glossy compare``: how far images are from their references, with limits for a CI job."""
+"""``glossy compare``: one image against its reference, or two folders file by file."""
 
 import argparse
 import json
 import math
 import os
-import pathlib
-from collections.abc import Sequence
+import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
+    from ..image import Planes
     from ..metrics import Comparison
 
-EXAMPLE = """\
-examples:
-  glossy compare shader.exr truth.exr --max-relative-rms 0.02
-  glossy compare shader.png truth.png --encoding srgb --min-psnr 40 --diff difference.png
-  glossy compare renders/ references/ --json
+OUTSIDE = 1
+SUFFIXES = (
+    ".exr", ".hdr", ".rgbe", ".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".tga", ".pfm",
+)  # fmt: skip
+LIMITS = ("max_rms", "max_relative_rms", "min_psnr")
+
+_EPILOG = """\
+PSNR takes the peak as 20 log10(peak / rms) and is printed with it. Pictures of integers (PNG, most
+TIFF) need --encoding. Channels R, G, B are compared, else Y, else all if both have the same ones.
+Folders are matched by file name; the list starts with the largest relative RMS.
 
 exit code: 0 within the limits, 1 outside, 2 unusable input
-"""
 
-LIMITS = {"max_rms": 0.0, "max_relative_rms": 0.0, "min_psnr": -math.inf}  # and their least values
-IMAGE_SUFFIXES = (".exr", ".hdr", ".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pfm")
-OUTSIDE = 1
+examples:
+  glossy compare render.exr truth.exr --max-relative-rms 0.02 --diff difference.png
+  glossy compare render.png truth.png --encoding srgb --min-psnr 40
+  glossy compare renders/ references/ --json
+"""
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command to the ``glossy`` parser."""
+    """Add ``compare`` to the command line."""
     parser = subparsers.add_parser(
         "compare",
-        help="compare images with references (RMS, PSNR, FLIP), with limits",
-        description="Compare an image with a reference, or the images of two folders under the "
-        "same names, worst relative RMS first. Values are linear; the figures are over R, G and B "
-        "(or Y) unless other channels are named.",
-        epilog=EXAMPLE,
+        help="RMS, PSNR and more of an image against a reference",
+        description="Compare an image, or a folder of images, with a reference.",
+        epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("image", metavar="A", help="image, or folder of images")
-    parser.add_argument("reference", metavar="REFERENCE", help="reference, or folder of them")
+    parser.add_argument("a", metavar="A", help="the image under test, or a folder")
+    parser.add_argument("reference", metavar="REFERENCE", help="its reference, or a folder")
+    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     limits = parser.add_argument_group("limits")
-    limits.add_argument("--max-rms", type=float, metavar="X", help="largest RMS error allowed")
+    limits.add_argument("--max-rms", type=float, metavar="X", help="largest RMS difference")
     limits.add_argument(
-        "--max-relative-rms", type=float, metavar="X", help="of the RMS of the reference"
+        "--max-relative-rms", type=float, metavar="X", help="largest RMS over the reference's RMS"
     )
-    limits.add_argument("--min-psnr", type=float, metavar="Y", help="smallest PSNR allowed [dB]")
-    what = parser.add_argument_group("what is compared")
-    what.add_argument("--peak", type=float, default=1.0, metavar="P", help="of the PSNR (1)")
-    what.add_argument("--mask", metavar="M", help="image; only its pixels above 0 are compared")
-    what.add_argument("--encoding", choices=("linear", "srgb"), help="meaning of integer images")
-    what.add_argument("--channels", metavar="C,C", help="channels by name (default R,G,B or Y)")
-    what.add_argument("--flip", action="store_true", help="the mean FLIP error, too")
-    what.add_argument(
-        "--flip-kind",
-        choices=("auto", "ldr", "hdr"),
-        default="auto",
-        help="for what displays; auto: ldr for a reference of integers, else hdr",
-    )
-    what.add_argument(
-        "--max-pixels", type=int, metavar="N", help="largest image admitted (default 2^28)"
+    limits.add_argument("--min-psnr", type=float, metavar="Y", help="smallest PSNR [dB]")
+    parser.add_argument(
+        "--peak", type=float, default=1.0, metavar="P", help="peak of the PSNR (default 1)"
     )
     parser.add_argument(
-        "--diff", metavar="D.png", help="false-colour picture of the difference; a folder for two"
+        "--mask",
+        metavar="M",
+        help="compare only pixels that are not black in this image (or, of a folder, in the "
+        "image of the same name)",
     )
     parser.add_argument(
-        "--signed", action="store_true", help="difference picture with its sign (blue: too dark)"
+        "--encoding", choices=("linear", "srgb"), help="what integer samples mean (required there)"
     )
-    parser.add_argument("--json", action="store_true", help="print all figures as JSON")
+    parser.add_argument("--channels", metavar="C,C,...", help="channels to compare, by name")
+    parser.add_argument(
+        "--flip",
+        action="store_true",
+        help="also the mean FLIP error: LDR-FLIP if both files hold integers, else HDR-FLIP",
+    )
+    parser.add_argument(
+        "--max-pixels", type=int, metavar="N", help="refuse larger images (default 2^28)"
+    )
+    picture = parser.add_argument_group("difference picture")
+    picture.add_argument("--diff", metavar="D.png", help="write it (a folder if A is one)")
+    picture.add_argument("--signed", action="store_true", help="a - b in place of |a - b|")
+    picture.add_argument("--diff-limit", type=float, metavar="X", help="end of its scale")
     parser.set_defaults(run=run)
 
 
-def _pairs(a: str, b: str) -> list[tuple[str, str, str]]:
-    """(name, image, reference) of two files, or of the images of two folders."""
-    for path in (a, b):
-        if not os.path.exists(path):
-            raise FileNotFoundError(f"{path}: no such file or folder")
-    if os.path.isdir(a) != os.path.isdir(b):
-        raise ValueError(f"{a}, {b}: must be two images or two folders")
-    if not os.path.isdir(a):
-        return [(os.path.basename(a), a, b)]
-    names = [
-        {p.name for p in pathlib.Path(folder).iterdir() if p.suffix.lower() in IMAGE_SUFFIXES}
-        for folder in (a, b)
-    ]
-    for folder, missing in ((b, names[0] - names[1]), (a, names[1] - names[0])):
-        if missing:
-            raise ValueError(f"{folder}: has no {', '.join(sorted(missing))}")
-    if not names[0]:
-        raise ValueError(f"{a}: holds no images ({' '.join(IMAGE_SUFFIXES)})")
-    return [(name, os.path.join(a, name), os.path.join(b, name)) for name in sorted(names[0])]
-
-
-def _check_target(path: str, inputs: Sequence[str | None], folders: bool) -> None:
-    """The place of the difference pictures, before anything is read: none of the inputs."""
-    if os.path.realpath(path) in [os.path.realpath(p) for p in inputs if p is not None]:
-        raise ValueError(f"{path}: is one of the inputs, so the difference must go elsewhere")
-    if folders:
-        if os.path.exists(path) and not os.path.isdir(path):
-            raise ValueError(f"{path}: must be a folder, for the pictures of two folders")
-    elif not path.lower().endswith(".png"):
-        raise ValueError(f"{path}: a difference picture is a .png")
-
-
-def _compare(name: str, a: str, b: str, args: argparse.Namespace) -> "Comparison":
-    """One comparison, and its difference picture if one is asked for."""
-    from concurrent.futures import ThreadPoolExecutor
-
-    from .. import metrics
-    from ..image import MAX_PIXELS, colour_channels, read_planes
-
-    limit = MAX_PIXELS if args.max_pixels is None else args.max_pixels
-    with ThreadPoolExecutor(2) as pool:  # the libraries let other threads run while they read
-        jobs = [pool.submit(read_planes, path, args.encoding, limit) for path in (a, b)]
-        first, second = (job.result() for job in jobs)
-    wanted: Sequence[str] | None
-    if args.channels is not None:
-        wanted = list(dict.fromkeys(n.strip() for n in args.channels.split(",")))
-    else:
-        wanted = colour_channels(tuple(second.planes))
-        if wanted is None:
-            have = ", ".join(second.planes)
-            raise ValueError(f"{b}: has no R, G, B and no Y, only {have}: name some (--channels)")
-        other = colour_channels(tuple(first.planes))
-        if other != wanted:
-            raise ValueError(
-                f"{a}: has channels {', '.join(first.planes)}, the reference "
-                f"{', '.join(second.planes)}"
-            )
-    if first.shape != second.shape:
-        sizes = [f"{w} x {h}" for h, w in (first.shape, second.shape)]
-        raise ValueError(f"{a}: is {sizes[0]}, the reference {sizes[1]}")
-    windows = [str(p.metadata.get("dataWindow", "")) for p in (first, second)]
-    if all(windows) and windows[0] != windows[1]:
-        raise ValueError(f"{a}: its data window is not the reference's, pixels do not correspond")
-    planes = [dict(zip(wanted, p.select(wanted), strict=True)) for p in (first, second)]
-    mask = None if args.mask is None else _mask(args.mask, args.encoding, limit, first.shape)
-    flip: bool | str = args.flip and args.flip_kind
-    if flip == "auto":
-        integers = str(second.metadata.get("sample_type", "")).startswith("uint")
-        flip = "ldr" if integers else "hdr"
-    found = metrics.compare_planes(*planes, peak=args.peak, mask=mask, flip=flip, labels=(a, b))
+def run(args: argparse.Namespace) -> int:
+    """Compare, print, and judge by the limits."""
+    _check_arguments(args)
+    folders = os.path.isdir(args.a), os.path.isdir(args.reference)
+    if folders[0] != folders[1]:
+        only = args.a if folders[0] else args.reference
+        raise ValueError(f"{only}: is a folder and the other is not")
+    names = _partners(args.a, args.reference) if folders[0] else [None]
     if args.diff is not None:
-        _draw(name, planes, mask, args)
-    return found
+        _check_picture_place(args, folders[0])
+    results = []
+    for i, name in enumerate(names):
+        _progress(i, names)
+        paths = [p if name is None else os.path.join(p, name) for p in (args.a, args.reference)]
+        comparison = _compare_files(args, paths[0], paths[1], name)
+        results.append((name, paths, comparison, _failures(args, comparison)))
+    _progress(len(names), names)
+    results.sort(key=lambda r: (-r[2].relative_rms, -r[2].rms, r[0] or ""))
+    if args.json:
+        limits = {name: getattr(args, name) for name in LIMITS}
+        print(json.dumps(_as_dict(results, folders[0], limits), indent=2, allow_nan=False))
+    else:
+        _print_table(results) if folders[0] else _print_figures(results[0][1], results[0][2])
+    for _, paths, _, failures in results:
+        for failure in failures:
+            print(f"glossy compare: {paths[0]}: {failure}", file=sys.stderr)
+    return OUTSIDE if any(r[3] for r in results) else 0
 
 
-def _mask(
-    path: str, encoding: str | None, limit: int, shape: tuple[int, int]
-) -> "npt.NDArray[np.bool_]":
-    """Where a colour channel of a mask image is above 0, or any channel if it has no colours."""
+def _check_arguments(args: argparse.Namespace) -> None:
+    from .. import _check
+
+    _check.positive("--peak", args.peak)
+    for name in ("max_rms", "max_relative_rms"):
+        if getattr(args, name) is not None:
+            _check.in_range(f"--{name.replace('_', '-')}", getattr(args, name), 0.0)
+    if args.min_psnr is not None:
+        _check.number("--min-psnr", args.min_psnr)
+    if args.max_pixels is not None:
+        _check.count("--max-pixels", args.max_pixels)
+    if args.diff_limit is not None:
+        _check.positive("--diff-limit", args.diff_limit)
+    if args.diff is None and (args.signed or args.diff_limit is not None):
+        raise ValueError("--signed, --diff-limit: are options of --diff")
+    if args.flip and args.mask is not None:
+        raise ValueError("--flip: is a figure of whole images, without --mask")
+
+
+def _partners(a: str, reference: str) -> list[str]:
+    # the image names of two folders, which must be the same
+    found = []
+    for folder in (a, reference):
+        with os.scandir(folder) as entries:
+            found.append(
+                {
+                    e.name
+                    for e in entries
+                    if os.path.splitext(e.name)[1].lower() in SUFFIXES
+                    and not e.name.startswith(".")
+                    and e.is_file()
+                }
+            )
+    for folder, here, there in ((reference, found[1], found[0]), (a, found[0], found[1])):
+        missing = sorted(there - here)
+        if missing:
+            more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+            raise ValueError(f"{folder}: has no {missing[0]}{more} to compare with")
+    if not found[0]:
+        raise ValueError(f"{a}: holds no images")
+    return sorted(found[0])
+
+
+def _check_picture_place(args: argparse.Namespace, folder: bool) -> None:
+    # the picture must not overwrite what is compared
+    places = [os.path.realpath(p) for p in (args.a, args.reference, args.mask) if p is not None]
+    if os.path.realpath(args.diff) in places:
+        raise ValueError(f"--diff {args.diff}: is one of the inputs")
+    if folder:
+        if os.path.exists(args.diff) and not os.path.isdir(args.diff):
+            raise ValueError(f"--diff {args.diff}: must be a folder, as A is one")
+        os.makedirs(args.diff, exist_ok=True)
+    elif os.path.splitext(args.diff)[1].lower() != ".png":
+        raise ValueError(f"--diff {args.diff}: must end in .png")
+
+
+def _compare_files(
+    args: argparse.Namespace, a: str, reference: str, name: str | None
+) -> "Comparison":
     import numpy as np
 
-    from ..image import colour_channels, read_planes
+    from ..metrics import compare_planes
 
-    shown = read_planes(path, encoding or "linear", limit)
-    if shown.shape != shape:
-        sizes = [f"{w} x {h}" for h, w in (shown.shape, shape)]
-        raise ValueError(f"{path}: is {sizes[0]}, the images {sizes[1]}")
+    first, second = _read_both(args, a, reference)
+    if first.shape != second.shape:
+        sizes = " and ".join(f"{p.shape[1]} x {p.shape[0]}" for p in (first, second))
+        raise ValueError(f"{a}, {reference}: differ in size, {sizes}")
+    windows = [np.asarray(p.metadata.get("dataWindow", ())) for p in (first, second)]
+    if all(w.size for w in windows) and not np.array_equal(windows[0], windows[1]):
+        raise ValueError(f"{a}, {reference}: differ in data window, so pixels do not correspond")
+    channels = _channels(args.channels, first, second)
+    kind: str | bool = False
+    if args.flip:
+        integers = all(p.metadata["sample_type"].startswith("uint") for p in (first, second))
+        kind = "ldr" if integers else "hdr"
+    planes = [dict(zip(channels, p.select(channels), strict=True)) for p in (first, second)]
+    mask = _read_mask(args, name, first.shape)
+    comparison = compare_planes(
+        *planes, peak=args.peak, mask=mask, flip=kind, labels=(a, reference)
+    )
+    if args.diff is not None:
+        from ..difference import planes_picture
+        from ..image_write import write_png
+
+        picture = planes_picture(
+            *(list(p.values()) for p in planes),
+            mask=mask,
+            signed=args.signed,
+            limit=args.diff_limit,
+        )
+        place = args.diff if name is None else os.path.join(args.diff, _picture_name(name))
+        write_png(place, picture)
+    return comparison
+
+
+def _picture_name(name: str) -> str:
+    return name if name.lower().endswith(".png") else f"{name}.png"
+
+
+def _read_both(args: argparse.Namespace, a: str, reference: str) -> "tuple[Planes, Planes]":
+    # OpenEXR and OpenImageIO let other threads run while they read
+    from concurrent.futures import ThreadPoolExecutor
+
+    from ..image import MAX_PIXELS, read_planes
+
+    limit = MAX_PIXELS if args.max_pixels is None else args.max_pixels
+    with ThreadPoolExecutor(2) as pool:
+        jobs = [pool.submit(read_planes, p, args.encoding, limit) for p in (a, reference)]
+        return jobs[0].result(), jobs[1].result()
+
+
+def _read_mask(
+    args: argparse.Namespace, name: str | None, shape: tuple[int, int]
+) -> "npt.NDArray[np.bool_] | None":
+    # where a colour is not 0, or any channel of a file without colours
+    if args.mask is None:
+        return None
+    import numpy as np
+
+    from ..image import MAX_PIXELS, colour_channels, read_planes
+
+    path = args.mask
+    if name is not None and os.path.isdir(path):
+        path = os.path.join(path, name)
+    limit = MAX_PIXELS if args.max_pixels is None else args.max_pixels
+    source = read_planes(path, "linear", limit)
+    if source.shape != shape:
+        sizes = " and ".join(f"{s[1]} x {s[0]}" for s in (source.shape, shape))
+        raise ValueError(f"{path}: differs in size from the images, {sizes}")
+    names = tuple(source.planes)
     kept = np.zeros(shape, dtype=np.bool_)
-    for plane in shown.select(colour_channels(tuple(shown.planes)) or tuple(shown.planes)):
-        unknown = int(np.count_nonzero(np.isnan(plane)))
-        if unknown:
-            raise ValueError(f"{path}: a mask must not hold NaN, got {unknown} of them")
-        kept |= plane > 0
+    for plane in source.select(colour_channels(names) or names):
+        if np.isnan(plane).any():
+            raise ValueError(f"{path}: holds NaN, so it is not a mask")
+        kept |= plane != 0
     if not kept.any():
-        raise ValueError(f"{path}: has no pixel above 0")
+        raise ValueError(f"{path}: is black, so no pixel is compared")
     return kept
 
 
-def _draw(
-    name: str,
-    planes: list[dict[str, Any]],
-    mask: "npt.NDArray[np.bool_] | None",
-    args: argparse.Namespace,
-) -> None:
-    from ..difference import planes_picture
-    from ..image_write import write_png
+def _channels(wanted: str | None, a: "Planes", reference: "Planes") -> list[str]:
+    from ..image import colour_channels
 
-    target = args.diff
-    if os.path.isdir(args.image):
-        os.makedirs(target, exist_ok=True)
-        target = os.path.join(target, f"{name}.png")
-    first, second = (list(p.values()) for p in planes)
-    write_png(target, planes_picture(first, second, mask=mask, signed=args.signed))
+    if wanted is not None:
+        names = [n.strip() for n in wanted.split(",")]
+        if "" in names or len(set(names)) != len(names):
+            raise ValueError(f"--channels: must be different names with commas, got {wanted!r}")
+        a.select(names), reference.select(names)
+        return names
+    colours = [colour_channels(tuple(p.planes)) for p in (a, reference)]
+    lists = " and ".join(", ".join(p.planes) for p in (a, reference))
+    if colours[0] != colours[1]:
+        raise ValueError(f"{a.name}, {reference.name}: differ in channels, {lists}")
+    if colours[0] is not None:
+        return list(colours[0])
+    if set(a.planes) != set(reference.planes):
+        raise ValueError(
+            f"{a.name}, {reference.name}: differ in channels, {lists}; choose with --channels"
+        )
+    return list(a.planes)
 
 
-def _failures(found: "Comparison", args: argparse.Namespace) -> list[str]:
-    """The limits that a comparison is outside of, in words."""
+def _failures(args: argparse.Namespace, c: "Comparison") -> list[str]:
     out = []
-    for limit, value, worse in (
-        ("max_rms", found.rms, args.max_rms is not None and found.rms > args.max_rms),
-        (
-            "max_relative_rms",
-            found.relative_rms,
-            args.max_relative_rms is not None and found.relative_rms > args.max_relative_rms,
-        ),
-        ("min_psnr", found.psnr, args.min_psnr is not None and found.psnr < args.min_psnr),
-    ):
-        if worse:
-            out.append(f"{limit} {getattr(args, limit):g}: is {value:.6g}")
+    if args.max_rms is not None and c.rms > args.max_rms:
+        out.append(f"rms {c.rms:.6g} is above --max-rms {args.max_rms:g}")
+    if args.max_relative_rms is not None and c.relative_rms > args.max_relative_rms:
+        limit = args.max_relative_rms
+        out.append(f"relative rms {c.relative_rms:.6g} is above --max-relative-rms {limit:g}")
+    if args.min_psnr is not None and c.psnr < args.min_psnr:
+        limit = args.min_psnr
+        out.append(f"psnr {c.psnr:.4f} dB (peak {c.peak:g}) is below --min-psnr {limit:g}")
     return out
 
 
-def _describe(name: str, found: "Comparison", failures: list[str]) -> str:
-    x, y = found.max_at
+def _as_dict(results: list[Any], folder: bool, limits: dict[str, Any]) -> dict[str, Any]:
     rows = [
-        ("pixels", f"{found.pixels} of {found.width} x {found.height}, {' '.join(found.channels)}"),
-        ("RMS", f"{found.rms:.6g}"),
-        ("relative RMS", f"{found.relative_rms:.6g}"),
-        ("PSNR", f"{found.psnr:.4f} dB (peak {found.peak:g})"),
-        ("mean absolute", f"{found.mae:.6g}"),
-        ("bias", f"{found.bias:+.6g}"),
-        ("largest", f"{found.max_abs:.6g} at x={x}, y={y}, channel {found.max_channel}"),
-        ("relative MSE", f"{found.relative_mse:.6g} (epsilon {found.relative_epsilon:g})"),
-        ("log RMS", f"{found.log_rms:.6g} (epsilon {found.log_epsilon:g})"),
+        {
+            **comparison.to_dict(),
+            "a": paths[0],
+            "reference": paths[1],
+            "within_limits": not failures,
+            "failures": failures,
+        }
+        for _, paths, comparison, failures in results
     ]
-    if found.flip is not None:
-        rows.append((f"FLIP ({found.flip_kind})", f"{found.flip:.6f}"))
-    lines = [f"{name}{': identical' if found.identical else ''}"]
-    lines += [f"  {label:14} {text}" for label, text in rows]
-    lines += [f"  outside {text}" for text in failures]
-    return "\n".join(lines)
+    if not folder:
+        return {**rows[0], "limits": limits}
+    for row, result in zip(rows, results, strict=True):
+        row["name"] = result[0]
+        del row["schema"]
+    within = all(row["within_limits"] for row in rows)
+    return {"schema": 1, "files": rows, "within_limits": within, "limits": limits}
 
 
-def run(args: argparse.Namespace) -> int:
-    """Compare, print worst first, and judge by the limits."""
-    from .. import _check
+def _print_figures(paths: list[str], c: "Comparison") -> None:
+    print(f"{paths[0]} against {paths[1]}")
+    print(f"  {c.width} x {c.height}, {c.pixels} pixels, channels {', '.join(c.channels)}")
+    by_channel = "  ".join(f"{n} {v:.6g}" for n, v in zip(c.channels, c.channel_rms, strict=True))
+    psnr = "infinite" if math.isinf(c.psnr) else f"{c.psnr:.4f} dB"
+    lines = [
+        ("rms", f"{c.rms:.6g}   ({by_channel})"),
+        ("relative rms", f"{c.relative_rms:.6g}"),
+        ("psnr", f"{psnr} (peak {c.peak:g})"),
+        ("mae", f"{c.mae:.6g}"),
+        ("bias", f"{c.bias:+.6g}"),
+        ("largest", f"{c.max_abs:.6g} at x={c.max_at[0]}, y={c.max_at[1]} in {c.max_channel}"),
+        ("relative mse", f"{c.relative_mse:.6g}   (d^2 / (b^2 + {c.relative_epsilon:g}))"),
+        ("log rms", f"{c.log_rms:.6g}   (ln(max(v, 0) + {c.log_epsilon:g}))"),
+    ]
+    if c.flip is not None:
+        lines.append(("flip", f"{c.flip:.6g}   ({str(c.flip_kind).upper()}-FLIP)"))
+    if c.identical:
+        lines.append(("identical", "yes"))
+    for label, value in lines:
+        print(f"  {label:<13} {value}")
 
-    _check.positive("peak", args.peak)
-    for limit, low in LIMITS.items():
-        if getattr(args, limit) is not None:
-            _check.in_range(limit, getattr(args, limit), low=low)
-    pairs = _pairs(args.image, args.reference)
-    if args.diff is not None:
-        inputs = (args.image, args.reference, args.mask)
-        _check_target(args.diff, inputs, os.path.isdir(args.image))
-    results = []
-    for name, a, b in pairs:
-        found = _compare(name, a, b, args)
-        results.append((name, a, b, found, _failures(found, args)))
-    results.sort(key=lambda r: (-r[3].relative_rms, -r[3].rms, r[0]))
-    outside = any(r[4] for r in results)
-    if args.json:
-        comparisons = [
-            {"name": n, "image": a, "reference": b, "outside": bad, **found.to_dict()}
-            for n, a, b, found, bad in results
-        ]
-        limits = {limit: getattr(args, limit) for limit in LIMITS}
-        folder = os.path.isdir(args.image)
-        record: dict[str, Any] = {"schema": 1, "command": "compare", "limits": limits}
-        record |= {"within": not outside}
-        record |= {"comparisons": comparisons} if folder else comparisons[0]
-        print(json.dumps(record, indent=2, allow_nan=False))
-    else:
-        print("\n".join(_describe(n, found, bad) for n, _, _, found, bad in results))
-        if len(results) > 1:
-            print(f"{len(results)} images, {sum(bool(r[4]) for r in results)} outside the limits")
-    return OUTSIDE if outside else 0
+
+def _print_table(results: list[Any]) -> None:
+    peak = results[0][2].peak
+    flip = results[0][2].flip is not None
+    head = f"{'rms':>12} {'relative rms':>13} {f'psnr (peak {peak:g})':>16} {'largest':>12}"
+    print(head + (f" {'flip':>10}" if flip else "") + "  file")
+    for name, _, c, failures in results:
+        psnr = "infinite" if math.isinf(c.psnr) else f"{c.psnr:.4f} dB"
+        row = f"{c.rms:12.6g} {c.relative_rms:13.6g} {psnr:>16} {c.max_abs:12.6g}"
+        end = "  outside the limits" if failures else ""
+        print(row + (f" {c.flip:10.6g}" if flip else "") + f"  {name}{end}")
+
+
+def _progress(done: int, names: list[Any]) -> None:
+    if len(names) < 2 or not sys.stderr.isatty():
+        return
+    text = f"{done} of {len(names)}" if done < len(names) else ""
+    print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)

@@ -1,0 +1,295 @@
+"""``glossy compare``: what it prints, its exit codes, and that bad input is one line."""
+
+import json
+import os
+import pathlib
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+import glossy
+from glossy import cli, image, image_write
+
+RNG = np.random.default_rng(11)
+REFERENCE = RNG.random((20, 30, 3)).astype(np.float32)
+TEST = (REFERENCE + 0.01 * RNG.standard_normal(REFERENCE.shape)).astype(np.float32)
+
+
+@pytest.fixture
+def folder(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> pathlib.Path:
+    """A working folder with a test image, its reference and a mask."""
+    monkeypatch.chdir(tmp_path)
+    image.write_image("a.exr", TEST)
+    image.write_image("b.exr", REFERENCE)
+    mask = np.zeros((20, 30), dtype=np.uint8)
+    mask[5:9, 7:20] = 1
+    image_write.write_png("mask.png", mask[..., None])
+    return tmp_path
+
+
+def compare(*arguments: str) -> int:
+    return cli.main(["compare", *arguments])
+
+
+def figures(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    assert compare(*arguments, "--json") in (0, 1)
+    out = json.loads(capsys.readouterr().out)
+    assert isinstance(out, dict)
+    return out
+
+
+def refusal(capfd: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """The one line that exit code 2 comes with."""
+    assert compare(*arguments) == 2
+    out = capfd.readouterr()
+    assert out.out == ""
+    assert out.err.startswith("glossy compare: ")
+    assert out.err.count("\n") == 1
+    return out.err
+
+
+@pytest.mark.usefixtures("folder")
+def test_figures_are_those_of_the_library(capsys: pytest.CaptureFixture[str]) -> None:
+    out = figures(capsys, "a.exr", "b.exr", "--peak", "2")
+    expected = glossy.compare(TEST, REFERENCE, peak=2.0).to_dict()
+    assert {k: out[k] for k in expected} == expected
+    assert (out["image"], out["reference"], out["within"]) == ("a.exr", "b.exr", True)
+
+
+@pytest.mark.usefixtures("folder")
+def test_text_names_the_peak_and_the_worst_pixel(capsys: pytest.CaptureFixture[str]) -> None:
+    assert compare("a.exr", "b.exr", "--peak", "3") == 0
+    out = capsys.readouterr().out
+    got = glossy.compare(TEST, REFERENCE, peak=3.0)
+    assert f"{got.psnr:.4f} dB (peak 3)" in out
+    assert f"at x={got.max_at[0]}, y={got.max_at[1]}, channel {got.max_channel}" in out
+
+
+@pytest.mark.usefixtures("folder")
+def test_identical_images(capsys: pytest.CaptureFixture[str]) -> None:
+    assert compare("b.exr", "b.exr", "--max-rms", "0", "--min-psnr", "300") == 0
+    out_text = capsys.readouterr().out
+    assert "b.exr: identical" in out_text
+    assert "inf dB (peak 1)" in out_text
+    out = figures(capsys, "b.exr", "b.exr")
+    assert (out["psnr"], out["identical"], out["rms"]) == (None, True, 0.0)
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("option", "figure", "inside", "outside"),
+    [
+        ("--max-rms", "rms", 1.01, 0.99),
+        ("--max-relative-rms", "relative_rms", 1.01, 0.99),
+        ("--min-psnr", "psnr", 0.99, 1.01),
+    ],
+)
+def test_limits_decide_the_exit_code(
+    capsys: pytest.CaptureFixture[str], option: str, figure: str, inside: float, outside: float
+) -> None:
+    value = getattr(glossy.compare(TEST, REFERENCE), figure)
+    assert compare("a.exr", "b.exr", option, str(value * inside)) == 0
+    assert "outside" not in capsys.readouterr().out
+    assert compare("a.exr", "b.exr", option, str(value * outside)) == 1
+    printed = capsys.readouterr().out
+    name = option[2:].replace("-", "_")
+    assert f"outside {name} {value * outside:g}: is {value:.6g}" in printed
+    out = figures(capsys, "a.exr", "b.exr", option, str(value * outside))
+    assert out["within"] is False
+    assert out["limits"][name] == value * outside
+    assert len(out["outside"]) == 1
+
+
+@pytest.mark.usefixtures("folder")
+def test_mask(capsys: pytest.CaptureFixture[str]) -> None:
+    out = figures(capsys, "a.exr", "b.exr", "--mask", "mask.png")
+    assert out["pixels"] == 4 * 13
+    assert out["rms"] == glossy.rms(TEST[5:9, 7:20], REFERENCE[5:9, 7:20])
+
+
+@pytest.mark.usefixtures("folder")
+def test_integers_need_their_encoding(capfd: pytest.CaptureFixture[str]) -> None:
+    image.write_image("a.png", TEST)
+    image.write_image("b.png", REFERENCE, bits=16)
+    assert "say whether they are linear or srgb" in refusal(capfd, "a.png", "b.png")
+    rms = {}
+    for encoding in ("linear", "srgb"):
+        rms[encoding] = figures(capfd, "a.png", "b.png", "--encoding", encoding)["rms"]
+        planes = [image.read_image(n, encoding).rgb() for n in ("a.png", "b.png")]
+        assert rms[encoding] == glossy.rms(*planes)
+    assert rms["linear"] != rms["srgb"]
+    clipped = np.clip(TEST, 0.0, 1.0)
+    assert rms["srgb"] == pytest.approx(glossy.rms(clipped, REFERENCE), rel=0.02)
+
+
+@pytest.mark.usefixtures("folder")
+def test_extra_channels_wait_to_be_named(capfd: pytest.CaptureFixture[str]) -> None:
+    rgb = {n: REFERENCE[..., i] for i, n in enumerate("RGB")}
+    image.write_exr("truth.exr", {**rgb, "error.R": TEST[..., 1], "A": TEST[..., 2]})
+    assert figures(capfd, "a.exr", "truth.exr")["rms"] == glossy.rms(TEST, REFERENCE)
+    out = figures(capfd, "truth.exr", "truth.exr", "--channels", "error.R,A")
+    assert out["channels"] == ["error.R", "A"]
+    text = refusal(capfd, "a.exr", "truth.exr", "--channels", "error.R")
+    assert "a.exr: has no channel error.R; it has R, G, B" in text
+
+
+@pytest.mark.usefixtures("folder")
+def test_channels_must_correspond(capfd: pytest.CaptureFixture[str]) -> None:
+    image.write_image("grey.exr", REFERENCE[..., 0])
+    image.write_exr("depth.exr", {"Z": REFERENCE[..., 0]})
+    assert "has channels R, G, B, the reference Y" in refusal(capfd, "a.exr", "grey.exr")
+    assert figures(capfd, "grey.exr", "grey.exr")["channels"] == ["Y"]
+    assert "only Z: name some (--channels)" in refusal(capfd, "depth.exr", "depth.exr")
+    assert figures(capfd, "depth.exr", "depth.exr", "--channels", "Z")["channels"] == ["Z"]
+
+
+@pytest.mark.usefixtures("folder")
+def test_flip_by_the_kind_of_the_files(capsys: pytest.CaptureFixture[str]) -> None:
+    out = figures(capsys, "a.exr", "b.exr", "--flip")
+    assert out["flip_kind"] == "hdr"
+    assert out["flip"] == glossy.compare(TEST, REFERENCE, flip="hdr").flip
+    for name, pixels in (("a.png", TEST), ("b.png", REFERENCE)):
+        image.write_image(name, pixels)
+    assert figures(capsys, "a.png", "b.png", "--encoding", "srgb", "--flip")["flip_kind"] == "ldr"
+    assert compare("a.exr", "b.exr", "--flip") == 0
+    assert "FLIP (hdr)" in capsys.readouterr().out
+
+
+def test_difference_picture(folder: pathlib.Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert compare("a.exr", "b.exr", "--diff", "d.png") == 0
+    written = image.read_image("d.png", encoding="linear").pixels
+    expected = glossy.difference_picture(TEST, REFERENCE)
+    np.testing.assert_array_equal(np.rint(written * 255), expected)
+    assert compare("a.exr", "b.exr", "--diff", "s.png", "--signed") == 0
+    signed = glossy.difference_picture(TEST, REFERENCE, signed=True)
+    written = image.read_image("s.png", encoding="linear").pixels
+    np.testing.assert_array_equal(np.rint(written * 255), signed)
+    assert (folder / "d.png").exists()
+    capfd.readouterr()
+    assert "d.exr: a difference picture is a .png" in refusal(
+        capfd, "a.exr", "b.exr", "--diff", "d.exr"
+    )
+    before = (folder / "mask.png").read_bytes()
+    text = refusal(capfd, "a.exr", "b.exr", "--mask", "mask.png", "--diff", "mask.png")
+    assert "is one of the inputs" in text
+    assert (folder / "mask.png").read_bytes() == before
+
+
+@pytest.fixture
+def folders(folder: pathlib.Path) -> pathlib.Path:
+    """Folders x and y of three images, the second pair the worst, and notes beside them."""
+    for name in ("x", "y"):
+        (folder / name).mkdir()
+        (folder / name / "notes.json").write_text("{}")
+    for name, error in (("one.exr", 0.1), ("two.hdr", 0.4), ("three.exr", 0.2)):
+        image.write_image(f"x/{name}", REFERENCE + error)
+        image.write_image(f"y/{name}", REFERENCE)
+    return folder
+
+
+@pytest.mark.usefixtures("folders")
+def test_folders_are_listed_worst_first(capsys: pytest.CaptureFixture[str]) -> None:
+    out = figures(capsys, "x", "y", "--max-rms", "0.15", "--diff", "pictures")
+    rows = out["comparisons"]
+    assert [row["name"] for row in rows] == ["two.hdr", "three.exr", "one.exr"]
+    assert [len(row["outside"]) for row in rows] == [1, 1, 0]
+    assert (out["schema"], out["within"]) == (1, False)
+    assert sorted(os.listdir("pictures")) == ["one.exr.png", "three.exr.png", "two.hdr.png"]
+    assert compare("x", "y", "--max-rms", "0.15", "--peak", "4") == 1
+    printed = capsys.readouterr().out
+    assert printed.count("(peak 4)") == 3
+    assert printed.count("outside max_rms") == 2
+    assert "3 images, 2 outside the limits" in printed
+    places = [printed.index(name) for name in ("two.hdr", "three.exr", "one.exr")]
+    assert places == sorted(places)
+
+
+def test_folders_must_hold_the_same_images(
+    folders: pathlib.Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (folders / "y" / "two.hdr").rename(folders / "kept.hdr")
+    assert "y: has no two.hdr" in refusal(capfd, "x", "y")
+    assert "y: has no two.hdr" in refusal(capfd, "y", "x")
+    (folders / "kept.hdr").rename(folders / "y" / "two.hdr")
+    (folders / "x" / "one.exr").unlink()
+    assert "x: has no one.exr" in refusal(capfd, "x", "y")
+    (folders / "empty").mkdir()
+    assert "holds no images" in refusal(capfd, "empty", "empty")
+    assert "x, a.exr: must be two images or two folders" in refusal(capfd, "x", "a.exr")
+
+
+def test_an_unusable_file_of_a_folder_is_named(
+    folders: pathlib.Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (folders / "x" / "three.exr").write_bytes((folders / "a.exr").read_bytes()[:900])
+    assert "x/three.exr: cannot be read" in refusal(capfd, "x", "y")
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["none.exr", "b.exr"], "none.exr: no such file"),
+        (["a.exr", "none.exr"], "none.exr: no such file"),
+        (["a.exr", "small.exr"], "a.exr: is 30 x 20, the reference 29 x 20"),
+        (["a.exr", "nan.exr"], "nan.exr: must be finite, got 1 NaN or inf values, the first at "
+         "x=4, y=3, channel G"),
+        (["a.exr", "b.exr", "--mask", "small.exr"], "small.exr: is 29 x 20, the images 30 x 20"),
+        (["a.exr", "b.exr", "--mask", "black.exr"], "black.exr: has no pixel above 0"),
+        (["a.exr", "b.exr", "--mask", "nan.exr"], "nan.exr: a mask must not hold NaN"),
+        (["a.exr", "b.exr", "--mask", "a.exr", "--flip"], "flip: is a figure of whole images"),
+        (["a.exr", "b.exr", "--peak", "0"], "peak: must be in (0, inf), got 0.0"),
+        (["a.exr", "b.exr", "--max-rms", "nan"], "max_rms: must be finite"),
+        (["a.exr", "b.exr", "--max-relative-rms", "-1"], "max_relative_rms"),
+        (["a.exr", "b.exr", "--max-pixels", "599"], "limit of 599 pixels"),
+        (["a.exr", "b.exr", "--max-pixels", "0"], "max_pixels"),
+        (["a.exr", "b.exr", "--diff", "nowhere/d.png"], "its folder does not exist"),
+        (["a.exr", "moved.exr"], "a.exr: its data window is not the reference"),
+        (["a.exr", "b.exr", "--diff", "b.exr"], "b.exr: is one of the inputs"),
+        (["a.exr", "b.exr", "--diff", "./b.exr"], "b.exr: is one of the inputs"),
+        (["a.exr", "b.exr", "--channels", "R,Q"], "a.exr: has no channel Q; it has R, G, B"),
+        (["a.exr", "black.exr", "--flip"], "black.exr: is black"),
+    ],
+)  # fmt: skip
+def test_unusable_input(
+    capfd: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    import OpenEXR
+
+    image.write_image("small.exr", REFERENCE[:, :29])
+    image.write_image("black.exr", 0 * REFERENCE)
+    broken = REFERENCE.copy()
+    broken[3, 4, 1] = np.nan
+    image.write_image("nan.exr", broken)
+    window = (np.array([1, 0], np.int32), np.array([30, 19], np.int32))
+    OpenEXR.File({"dataWindow": window}, {"RGB": REFERENCE.copy()}).write("moved.exr")
+    assert words in refusal(capfd, *arguments)
+
+
+def test_help_shows_an_example_and_needs_no_image_library() -> None:
+    code = (
+        "import sys; from glossy import cli\n"
+        "try: cli.main(['compare', '--help'])\n"
+        "except SystemExit: pass\n"
+        "heavy = {'numpy', 'numba', 'OpenEXR', 'OpenImageIO', 'matplotlib', 'scipy'}\n"
+        "print(sorted(heavy & set(sys.modules)))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "glossy compare shader.exr truth.exr" in done.stdout
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_comparing_loads_neither_compiler_nor_plotting(folder: pathlib.Path) -> None:
+    code = (
+        "import sys; from glossy import cli\n"
+        "code = cli.main(['compare', 'a.exr', 'b.exr'])\n"
+        "heavy = {'numba', 'OpenImageIO', 'matplotlib', 'scipy', 'flip_evaluator'}\n"
+        "print(code, sorted(heavy & set(sys.modules)))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=folder
+    )
+    assert done.stdout.splitlines()[-1] == "0 []"
