@@ -17,6 +17,7 @@ Float64Array = npt.NDArray[np.float64]
 
 BLOCK = 65536  # values; four float64 buffers of it (2 MB) stay in cache
 UNDERFLOW = 1e-280  # a sum of squares below this has lost digits
+LARGEST = 2.0**480  # the square of which can be summed over 2^60 values
 SERIAL = 2 * BLOCK  # fewer values than this are not worth a thread
 MOST_THREADS = 16
 _COLUMNS = ("signed", "absolute", "squared", "reference", "relative", "log")
@@ -60,24 +61,26 @@ def sweep(
 ) -> Sums:
     """Sum over channels ``a`` and ``b`` (each (H, W)), where ``mask`` is true.
 
-    Where float64 values are so large or small that their squares leave its range, the sweep is
-    repeated on values scaled by a power of two, which is exact. A sum is left at 0 whose epsilon
-    is None.
+    Where float64 values, or their differences, are so large or small that their squares leave
+    its range, the sweep is repeated on values scaled by a power of two, which is exact. A sum is
+    left at 0 whose epsilon is None.
 
     Raises
     ------
     ValueError
         If a compared value is NaN or infinite; names label, count, first pixel and channel.
     """
+    room = LARGEST
     sums = _sweep(a, b, mask, 1.0, relative_epsilon, log_epsilon)
     if not all(math.isfinite(v) for row in sums.table for v in row):
         for label, planes in zip(labels, (a, b), strict=True):
             _refuse_nonfinite(label, planes, mask, names)
+        room = 2.0**-8
     elif sums.largest[0] == 0.0 or sums.total("squared") >= UNDERFLOW:
         return sums
     kept = [p if mask is None else p[mask] for p in (*a, *b)]
     top = max(max(abs(float(p.max())), abs(float(p.min()))) for p in kept)
-    scale = math.ldexp(1.0, min(-math.frexp(top)[1] - 8, 1000))
+    scale = math.ldexp(1.0, min(math.frexp(room)[1] - math.frexp(top)[1], 1000))
     return _sweep(a, b, mask, scale, relative_epsilon, log_epsilon)
 
 

@@ -8,6 +8,8 @@ not darker than the image. PNG samples are sRGB: the inverse of `image`'s eq. (2
 import contextlib
 import os
 import secrets
+import struct
+import zlib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -98,7 +100,8 @@ def write_exr(
         try:
             OpenEXR.File(header, planes).write(temporary)
         except (RuntimeError, TypeError) as error:
-            reason = said(temporary) or " ".join(str(error).split())
+            text = said(temporary) or str(error).replace(temporary, os.path.basename(path))
+            reason = " ".join(text.split())
             raise OSError(f"{os.fspath(path)}: cannot be written: {reason}") from None
 
 
@@ -206,18 +209,35 @@ def encode_srgb(pixels: Plane, exposure: float = 0.0, bits: int = 8) -> Plane:
 
 def write_png(path: Path, samples: Plane) -> None:
     """Write sRGB integers (H, W, 1 or 3), uint8 or uint16, as PNG without further conversion."""
-    import OpenImageIO as oiio  # noqa: N813
-
     height, width, channels = samples.shape
-    spec = oiio.ImageSpec(width, height, channels, samples.dtype.name)
-    spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
-    with replacing(path) as temporary:
-        out = oiio.ImageOutput.create("png")
-        assert out is not None  # the PNG writer is built in
-        done = out.open(temporary, spec) and out.write_image(np.ascontiguousarray(samples))
-        if not (out.close() and done):
-            reason = " ".join(out.geterror().split())
-            raise OSError(f"{os.fspath(path)}: cannot be written: {reason}")
+    header = struct.pack(
+        ">IIBBBBB", width, height, 8 * samples.itemsize, 0 if channels == 1 else 2, 0, 0, 0
+    )
+    rows = zlib.compress(_png_rows(samples).tobytes(), 6)
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        file.write(b"\x89PNG\r\n\x1a\n")
+        for kind, data in ((b"IHDR", header), (b"sRGB", b"\0"), (b"IDAT", rows), (b"IEND", b"")):
+            file.write(struct.pack(">I", len(data)) + kind + data)
+            file.write(struct.pack(">I", zlib.crc32(data, zlib.crc32(kind))))
+
+
+def _png_rows(samples: Plane) -> npt.NDArray[np.uint8]:
+    # bytes of each row behind the number of its filter: as they are, less the pixel at the left,
+    # or less the one above, whichever has the smallest sum
+    big = samples.astype(samples.dtype.newbyteorder(">"))
+    raw = np.ascontiguousarray(big).view(np.uint8).reshape(len(samples), -1)
+    step = samples.shape[2] * samples.itemsize
+    best = np.concatenate([np.zeros((len(raw), 1), np.uint8), raw], axis=1)
+    cost = np.minimum(raw, -raw).sum(axis=1)  # modulo 256: the distance from 0
+    for number, (down, right) in enumerate(((0, step), (1, 0)), start=1):
+        less = raw.copy()
+        less[down:, right:] -= raw[: len(raw) - down, : raw.shape[1] - right]
+        total = np.minimum(less, -less).sum(axis=1)
+        better = total < cost
+        best[better, 0] = number
+        best[better, 1:] = less[better]
+        cost = np.minimum(cost, total)
+    return best
 
 
 def _write_hdr(path: Path, pixels: Plane) -> None:
