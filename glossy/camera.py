@@ -170,6 +170,8 @@ def surface_points(camera: Camera, shape: Shape) -> SurfacePoints:
 
 def default_camera(shape: Shape, width: int = 256, height: int = 256) -> Camera:
     """A camera that shows ``shape``: a sphere fills 96 % of the shorter side; a plane's horizon."""
+    for name, pixels in (("width", width), ("height", height)):
+        _check.count(name, pixels, high=MAX_PIXELS)
     if isinstance(shape, Sphere):
         fit = max(1.0, height / width)
         fov = math.degrees(2.0 * math.atan(FRAME_TAN * fit))

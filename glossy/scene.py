@@ -232,6 +232,8 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         One line naming the file and the dotted key, for bad TOML, an unknown key or a bad value.
     """
     file = pathlib.Path(path)
+    if not file.is_file():
+        raise FileNotFoundError(f"{file}: no such scene file")
     with file.open("rb") as stream:
         try:
             return _parse(tomllib.load(stream), file.parent)

@@ -55,5 +55,5 @@ LOSSY_EXR = 0.02
 SIXTEEN_BITS = 3e-5
 """sRGB in 16 bits: half a step of 1/65535 times the curve's steepest slope, 2.275, with room."""
 
-IRRADIANCE_MAP = 1e-3
-"""Irradiance between the centres of a map of 32 texels, relative to its largest value."""
+IRRADIANCE_MAP = 8e-3
+"""Irradiance between the centres of a map of 32 texels, at the worst normal of maps with lamps."""

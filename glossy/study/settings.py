@@ -139,10 +139,12 @@ class Plan:
             _check.count("samples", budget)
         _check.positive("reference tolerance", self.tolerance)
         _check.count("repeats", self.repeats)
-        for name in ("cases", "methods", "budgets"):
-            items = [
-                getattr(x, "name" if name == "cases" else "label", x) for x in getattr(self, name)
-            ]
+        named: dict[str, list[Any]] = {
+            "cases": [case.name for case in self.cases],
+            "methods": [method.label for method in self.methods],
+            "samples": list(self.budgets),
+        }
+        for name, items in named.items():
             if not items or len(set(items)) != len(items):
                 raise _check.fail(name, "must be at least one, each once", items)
 
