@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from . import _check
 from ._jit import Scalar, kernel, parallel_kernel
-from ._lanes import filter_row4, filter_row16
+from ._rows import LANES, LINE, OUTPUT_ROWS, halve_rows, quarter_rgb
 from .cubemap import MAX_SIZE, CubeMap
 from .sampler import sample_chain
 from .seams import PAD, fold_table, k_fill_seams
@@ -41,7 +41,8 @@ Int64Array = npt.NDArray[np.int64]
 TEXEL = 4  # floats: RGB and a fourth
 ZERO = np.float32(0.0)
 THREE, FIVE, TEN = np.float32(3.0), np.float32(5.0), np.float32(10.0)
-QUARTER, EIGHTH, INV32 = np.float32(0.25), np.float32(0.125), np.float32(1.0 / 32.0)
+HALF, QUARTER = np.float32(0.5), np.float32(0.25)
+EIGHTH, INV32 = np.float32(0.125), np.float32(1.0 / 32.0)
 
 
 # --- building -------------------------------------------------------------------------------------
@@ -60,67 +61,85 @@ def _store_rgb(faces: Float32Array, level: Float32Array) -> None:
 
 
 @kernel
-def _filter_rows(
-    fine: Float32Array, start: Scalar, pairs: Any, weights: Any, line: Float32Array
+def _halve_small(fine: Float32Array, coarse: Float32Array, weights: Any, face: Scalar) -> None:
+    """One face of a level of a few texels, term by term in the order of ``halve_rows``."""
+    half, n = len(weights), coarse.shape[1] - 2 * PAD
+    for row in range(n):
+        for col in range(n):
+            top, left = 2 * row + PAD + 1 - half, 2 * col + PAD + 1 - half
+            for c in range(TEXEL):
+                total = ZERO
+                for k in range(half):
+                    pair = ZERO
+                    for x in (left + k, left + 2 * half - 1 - k):
+                        down = ZERO
+                        for m in range(half):
+                            ends = (
+                                fine[face, top + m, x, c] + fine[face, top + 2 * half - 1 - m, x, c]
+                            )
+                            down += weights[m] * ends
+                        pair += down
+                    total += weights[k] * pair
+                coarse[face, row + PAD, col + PAD, c] = total
+
+
+@kernel
+def k_level(buffer: Float32Array, chain: Int64Array, level: Scalar) -> Float32Array:
+    """A level of the flat buffer, (6, n + 2 PAD, n + 2 PAD, TEXEL)."""
+    size = chain[level, 1] + 2 * PAD
+    start = chain[level, 0] * TEXEL
+    return buffer[start : start + 6 * size * size * TEXEL].reshape((6, size, size, TEXEL))
+
+
+@parallel_kernel
+def _reduce(
+    buffer: Float32Array, chain: Int64Array, weights: Any, table: Int64Array, first: int, last: int
 ) -> None:
-    """The vertical pass of one output row: whole input rows into ``line``."""
-    if line.size % 16 == 0:
-        filter_row16(fine, start, np.int64(16), pairs, weights, line, np.int64(0), line.size // 16)
-    else:
-        filter_row4(fine, start, np.int64(4), pairs, weights, line, np.int64(0), line.size // 4)
+    """Levels ``first`` to ``last``, each from the one before, with their rings."""
+    half = len(weights)
+    for level in range(first, last + 1):
+        fine, coarse = k_level(buffer, chain, level - 1), k_level(buffer, chain, level)
+        n, width = coarse.shape[1] - 2 * PAD, fine.shape[1] * TEXEL
+        source, target = fine.reshape(-1), coarse.reshape(-1)
+        if n < OUTPUT_ROWS:
+            for face in range(6):
+                _halve_small(fine, coarse, weights, face)
+            k_fill_seams(coarse, table)
+            continue
+        for i in numba.prange(6 * n // OUTPUT_ROWS):
+            face, row = OUTPUT_ROWS * i // n, OUTPUT_ROWS * i % n
+            start = (face * fine.shape[1] + 2 * row + PAD + 1 - half) * width + PAD * TEXEL
+            begin = ((face * coarse.shape[1] + row + PAD) * coarse.shape[1] + PAD) * TEXEL
+            across = coarse.shape[1] * TEXEL
+            halve_rows(source, start, width, weights, target, begin, across, n // 4)
+        k_fill_seams(coarse, table)
 
 
 @parallel_kernel
-def _reduce_box(fine: Float32Array, coarse: Float32Array) -> None:
-    n, width = coarse.shape[1] - 2 * PAD, fine.shape[2] * TEXEL
-    source, target = fine.reshape(-1), coarse.reshape(-1)
-    pairs = (np.int64(0), np.int64(TEXEL), width, width + TEXEL)
+def _quarter(
+    faces: Float32Array, buffer: Float32Array, chain: Int64Array, table: Int64Array
+) -> None:
+    """Levels 1 and 2 of the box filter, from the packed faces."""
+    size = faces.shape[1]
+    one, two, n = k_level(buffer, chain, 1), k_level(buffer, chain, 2), size // 4
+    source, width = faces.reshape(-1), 3 * size
     for i in numba.prange(6 * n):
         face, row = i // n, i % n
-        start = ((face * fine.shape[1]) + 2 * row + PAD) * width + PAD * TEXEL
-        begin = ((face * coarse.shape[1] + row + PAD) * coarse.shape[2] + PAD) * TEXEL
-        step = np.int64(2 * TEXEL)
-        filter_row4(source, start, step, pairs, (QUARTER, QUARTER), target, begin, n)
+        across, start = one.shape[1] * TEXEL, (face * size + 4 * row) * width
+        begin = ((face * one.shape[1] + 2 * row + PAD) * one.shape[1] + PAD) * TEXEL
+        second = ((face * two.shape[1] + row + PAD) * two.shape[1] + PAD) * TEXEL
+        begin, second = begin + chain[1, 0] * TEXEL, second + chain[2, 0] * TEXEL
+        quarter_rgb(source, start, width, QUARTER, buffer, begin, across, second, size // 16)
+    k_fill_seams(one, table)
+    k_fill_seams(two, table)
 
 
-@parallel_kernel
-def _reduce_gauss4(fine: Float32Array, coarse: Float32Array) -> None:
-    n, width = coarse.shape[1] - 2 * PAD, fine.shape[2] * TEXEL
-    source, target = fine.reshape(-1), coarse.reshape(-1)
-    weights = (EIGHTH, THREE * EIGHTH)
-    down = (np.int64(0), 3 * width, width, 2 * width)
-    across = (np.int64(0), np.int64(3 * TEXEL), np.int64(TEXEL), np.int64(2 * TEXEL))
-    for i in numba.prange(6 * n):
-        face, row = i // n, i % n
-        line = np.empty(width, dtype=np.float32)
-        top = ((face * fine.shape[1]) + 2 * row + PAD - 1) * width
-        _filter_rows(source, top, down, weights, line)
-        begin = ((face * coarse.shape[1] + row + PAD) * coarse.shape[2] + PAD) * TEXEL
-        start, step = np.int64((PAD - 1) * TEXEL), np.int64(2 * TEXEL)
-        filter_row4(line, start, step, across, weights, target, begin, n)
-
-
-@parallel_kernel
-def _reduce_gauss6(fine: Float32Array, coarse: Float32Array) -> None:
-    n, width = coarse.shape[1] - 2 * PAD, fine.shape[2] * TEXEL
-    source, target = fine.reshape(-1), coarse.reshape(-1)
-    weights = (INV32, FIVE * INV32, TEN * INV32)
-    down = (np.int64(0), 5 * width, width, 4 * width, 2 * width, 3 * width)
-    across = (
-        np.int64(0), np.int64(5 * TEXEL), np.int64(TEXEL),
-        np.int64(4 * TEXEL), np.int64(2 * TEXEL), np.int64(3 * TEXEL),
-    )  # fmt: skip
-    for i in numba.prange(6 * n):
-        face, row = i // n, i % n
-        line = np.empty(width, dtype=np.float32)
-        top = ((face * fine.shape[1]) + 2 * row + PAD - 2) * width
-        _filter_rows(source, top, down, weights, line)
-        begin = ((face * coarse.shape[1] + row + PAD) * coarse.shape[2] + PAD) * TEXEL
-        start, step = np.int64((PAD - 2) * TEXEL), np.int64(2 * TEXEL)
-        filter_row4(line, start, step, across, weights, target, begin, n)
-
-
-_REDUCE = {"box": _reduce_box, "gauss4": _reduce_gauss4, "gauss6": _reduce_gauss6}
+WEIGHTS = {
+    "box": (HALF,),
+    "gauss4": (EIGHTH, THREE * EIGHTH),
+    "gauss6": (INV32, FIVE * INV32, TEN * INV32),
+}
+"""Of one axis, outermost first."""
 
 
 def _round_to_half(level: Float32Array) -> int:
@@ -129,6 +148,16 @@ def _round_to_half(level: Float32Array) -> int:
     np.clip(level, -HALF_MAX, HALF_MAX, out=level)
     level[...] = level.astype(np.float16)
     return over
+
+
+def _aligned(count: int) -> Float32Array:
+    """Numbers that start a cache line: rows of RGBA texels then do, too, from level size 4 on.
+
+    A vector more is allocated at the end, which the filters' wide loads may touch.
+    """
+    raw = np.empty(count + 2 * LANES, dtype=np.float32)
+    start = -raw.ctypes.data % LINE // raw.itemsize
+    return raw[start : start + count]
 
 
 class Pyramid:
@@ -181,12 +210,63 @@ class Pyramid:
         offsets = np.concatenate([[0], np.cumsum(widths[::-1])])[:-1][::-1]
         self.size, self.channels, self.storage, self.filter = size, channels, storage, filter
         self._stride = -4 * (-channels // 4)
-        self._buffer = np.empty(sum(widths) * self._stride, dtype=np.float32)
+        self._buffer = _aligned(sum(widths) * self._stride)
         self._chain = np.asarray(_check.frozen(np.stack([offsets, sizes], axis=1).astype(np.int64)))
         self._padded = []
         for offset, width, n in zip(offsets, widths, sizes, strict=True):
             part = self._buffer[offset * self._stride : (offset + width) * self._stride]
             self._padded.append(part.reshape(6, n + 2 * PAD, n + 2 * PAD, self._stride))
+
+    def update(self, cube: CubeMap) -> None:
+        """Make every level anew from another cube map of the same size, in place.
+
+        For renderers that capture their surroundings again and again: nothing is allocated. Views
+        from ``levels`` show the new texels.
+
+        Raises
+        ------
+        ValueError
+            For another size, or if the pyramid was not made by ``build_pyramid``.
+        """
+        if self.filter is None:
+            raise _check.fail("pyramid", "must come from build_pyramid", self)
+        if cube.size != self.size:
+            raise _check.fail("cube size", f"must be {self.size}", cube.size)
+        self._warn_clamped(self._fill(cube.faces))
+
+    def _fill(self, faces: Float32Array) -> int:
+        """Every level from the faces of the first; returns how many values were clamped."""
+        over = self._store_base(faces)
+        if self.storage == "rgba32f":
+            self._reduce(faces)
+        else:
+            weights = WEIGHTS[str(self.filter)]
+            for i in range(1, len(self._padded)):
+                _reduce(self._buffer, self._chain, weights, fold_table(), i, i)
+                over += self._to_half(i)
+        return over
+
+    def _store_base(self, faces: Float32Array) -> int:
+        _store_rgb(faces, self._padded[0])
+        if self.storage == "rgba16f":
+            return self._to_half(0)
+        k_fill_seams(self._padded[0], fold_table())
+        return 0
+
+    def _to_half(self, level: int) -> int:
+        texels = self._padded[level]
+        over = _round_to_half(texels[:, PAD:-PAD, PAD:-PAD])
+        k_fill_seams(texels, fold_table())
+        return over
+
+    def _reduce(self, faces: Float32Array) -> None:
+        """Levels from 1 on; ``faces`` are what the first level was filled from."""
+        buffer, chain, table = self._buffer, self._chain, fold_table()
+        first = 1
+        if self.filter == "box" and self.size >= LANES and buffer.ctypes.data % LINE == 0:
+            _quarter(faces, buffer, chain, table)
+            first = 3
+        _reduce(buffer, chain, WEIGHTS[str(self.filter)], table, first, len(self._padded) - 1)
 
     @staticmethod
     def _warn_clamped(over: int) -> None:
@@ -309,14 +389,5 @@ def build_pyramid(cube: CubeMap, filter: str = "gauss6", storage: str = "rgba32f
         raise _check.fail("cube size", "must be a power of two", size)
     pyramid = Pyramid.__new__(Pyramid)
     pyramid._allocate(size, 3, size.bit_length(), storage, filter)
-    padded, table, over = pyramid._padded, fold_table(), 0
-    for i, level in enumerate(padded):
-        if i == 0:
-            _store_rgb(cube.faces, level)
-        else:
-            _REDUCE[filter](padded[i - 1], level)
-        if storage == "rgba16f":
-            over += _round_to_half(level[:, PAD:-PAD, PAD:-PAD])
-        k_fill_seams(level, table)
-    pyramid._warn_clamped(over)
+    pyramid._warn_clamped(pyramid._fill(cube.faces))
     return pyramid

@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check
-from ._jit import kernel
+from ._jit import Scalar, kernel
+from ._rows import copy_texel
 from .cubemap import face_directions, locate
 
 PAD = 2  # rings: the 6-tap filter reaches two texels over an edge, the bilinear lookup one
@@ -53,39 +54,61 @@ def fold_table() -> Int64Array:
 
 
 @kernel
-def k_fill_seams(level: Float32Array, table: Int64Array) -> None:
-    """Fill the rings of one level (6, n + 2 PAD, n + 2 PAD, C) from its interior."""
-    n = level.shape[1] - 2 * PAD
-    channels = level.shape[3]
+def k_fill_edges(level: Float32Array, table: Int64Array, face: Scalar) -> None:
+    """Fill the rings of one face of a level (6, n + 2 PAD, n + 2 PAD, C), corners excepted.
+
+    C must be a multiple of four; from the other faces only their interior is read.
+    """
+    n, width, channels = level.shape[1] - 2 * PAD, level.shape[2], level.shape[3]
+    flat = level.reshape(-1)
+    for edge in range(4):
+        fold = table[face, edge]
+        source = (fold[0] * width + fold[1] * (n - 1) + PAD) * width + fold[4] * (n - 1) + PAD
+        along, across = fold[2] * width + fold[5], fold[3] * width + fold[6]
+        across *= min(n - 1, 1)  # one texel has nothing further in
+        row, col = PAD, PAD
+        if edge < 2:
+            col = n + PAD if edge else PAD - 1
+        else:
+            row = n + PAD if edge == 3 else PAD - 1
+        target = (face * width + row) * width + col
+        forward, outward = (width, 1) if edge < 2 else (1, width)
+        if edge % 2 == 0:
+            outward = -outward
+        for i in range(n):
+            for d in range(PAD):
+                begin = (source + i * along + d * across) * channels
+                to = (target + i * forward + d * outward) * channels
+                for c in range(0, channels, 4):
+                    copy_texel(flat, begin + c, flat, to + c)
+
+
+@kernel
+def k_fill_corners(level: Float32Array, face: Scalar) -> None:
+    """Fill the four squares beyond two edges of one face, whose edges are filled."""
+    n, channels = level.shape[1] - 2 * PAD, level.shape[3]
     last = n - 1 + PAD
+    for corner in range(4):
+        down, right = corner // 2, corner % 2
+        for dr in range(PAD):
+            for dc in range(PAD):
+                er, ec = min(dr, n - 1), min(dc, n - 1)
+                row_in = last - er if down else PAD + er
+                col_in = last - ec if right else PAD + ec
+                row_out = last + 1 + dr if down else PAD - 1 - dr
+                col_out = last + 1 + dc if right else PAD - 1 - dc
+                for c in range(channels):
+                    three = (
+                        np.float64(level[face, row_in, col_in, c])
+                        + np.float64(level[face, row_in, col_out, c])
+                        + np.float64(level[face, row_out, col_in, c])
+                    )
+                    level[face, row_out, col_out, c] = np.float32(three / 3.0)
+
+
+@kernel
+def k_fill_seams(level: Float32Array, table: Int64Array) -> None:
+    """Fill the rings of one level (6, n + 2 PAD, n + 2 PAD, C), C a multiple of four."""
     for face in range(6):
-        for edge in range(4):
-            row0, col0 = table[face, edge, 1] * (n - 1), table[face, edge, 4] * (n - 1)
-            source = table[face, edge, 0]
-            for depth in range(PAD):
-                d = min(depth, n - 1)
-                out = PAD - 1 - depth if edge % 2 == 0 else last + 1 + depth
-                for i in range(n):
-                    row = row0 + table[face, edge, 2] * i + table[face, edge, 3] * d + PAD
-                    col = col0 + table[face, edge, 5] * i + table[face, edge, 6] * d + PAD
-                    to_row = i + PAD if edge < 2 else out
-                    to_col = out if edge < 2 else i + PAD
-                    for c in range(channels):
-                        level[face, to_row, to_col, c] = level[source, row, col, c]
-    for face in range(6):
-        for corner in range(4):
-            down, right = corner // 2, corner % 2
-            for dr in range(PAD):
-                for dc in range(PAD):
-                    er, ec = min(dr, n - 1), min(dc, n - 1)
-                    row_in = last - er if down else PAD + er
-                    col_in = last - ec if right else PAD + ec
-                    row_out = last + 1 + dr if down else PAD - 1 - dr
-                    col_out = last + 1 + dc if right else PAD - 1 - dc
-                    for c in range(channels):
-                        three = (
-                            np.float64(level[face, row_in, col_in, c])
-                            + np.float64(level[face, row_in, col_out, c])
-                            + np.float64(level[face, row_out, col_in, c])
-                        )
-                        level[face, row_out, col_out, c] = np.float32(three / 3.0)
+        k_fill_edges(level, table, face)
+        k_fill_corners(level, face)
