@@ -1,0 +1,175 @@
+"""The rendering commands: exit codes, one-line errors, JSON, and what they write."""
+
+import json
+import pathlib
+from typing import Any
+
+import numpy as np
+import pytest
+
+from glossy.cli import main
+from glossy.image import read_image, read_planes
+
+SMALL = ["--size", "16", "--width", "12", "--height", "10"]
+
+
+def run(capsys: pytest.CaptureFixture[str], *args: str) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr of a command."""
+    try:
+        code = main(list(args))
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+def report(capsys: pytest.CaptureFixture[str], *args: str) -> dict[str, Any]:
+    """The JSON of a command that must succeed."""
+    code, out, err = run(capsys, *args, "--json")
+    assert (code, err) == (0, "")
+    value: dict[str, Any] = json.loads(out)
+    assert value["schema"] == 1
+    assert value["command"] == args[0]
+    return value
+
+
+@pytest.mark.parametrize("command", ["render", "reference", "trace", "study"])
+def test_help_has_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run(capsys, command, "--help")
+    assert code == 0
+    assert f"examples:\n  glossy {command} " in out
+
+
+def test_render_writes_linear_exr(
+    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = str(tmp_path / "a.exr")
+    value = report(capsys, "render", *SMALL, "--samples", "20", "--threshold", ".2", "-o", out)
+    assert (value["width"], value["height"], value["samples"]) == (12, 10, [19])
+    assert value["options"] == {"threshold": 0.2}
+    assert read_image(out).rgb().shape == (10, 12, 3)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.exr"]
+
+
+@pytest.mark.parametrize("suffix", ["png", "hdr"])
+def test_render_writes_other_formats(
+    suffix: str, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / f"a.{suffix}"
+    code, text, err = run(capsys, "render", *SMALL, "-o", str(out))
+    assert (code, err) == (0, "")
+    assert "samples: 19" in text
+    assert read_image(out, encoding="srgb").rgb().max() > 0.0
+
+
+def test_a_scene_file_is_overridden_by_arguments(
+    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "s.toml"
+    scene.write_text(
+        '[environment]\nsource = "white"\nsize = 8\n[camera]\nwidth = 9\nheight = 9\n'
+        '[method]\nname = "importance"\nsamples = 5\nbias = 0.5\n'
+    )
+    out = str(tmp_path / "a.exr")
+    value = report(capsys, "render", str(scene), "-o", out)
+    assert (value["environment"], value["size"], value["samples"]) == ("white", 8, [5])
+    assert (value["method"], value["options"], value["width"]) == ("importance", {"bias": 0.5}, 9)
+    value = report(
+        capsys, "render", str(scene), "--samples", "6", "--bias", "0", "--width", "7",
+        "--env", "studio", "-o", out,
+    )  # fmt: skip
+    assert (value["environment"], value["samples"], value["width"]) == ("studio", [6], 7)
+    assert (value["options"], value["height"], value["size"]) == ({"bias": 0.0}, 9, 8)
+
+
+def test_reference_writes_its_error_beside_the_picture(
+    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "t.exr"
+    value = report(capsys, "reference", *SMALL, "--tolerance", "1e-2", "-o", str(out))
+    planes = read_planes(out).planes
+    assert set(planes) == {"R", "G", "B", "error.R", "error.G", "error.B"}
+    assert value["error_kind"] == "bound"
+    assert 0.0 < value["relative_rms_error"] < 1e-2
+    rms = np.sqrt(np.mean([np.sum(planes[f"error.{c}"] ** 2) for c in "RGB"]) / value["covered"])
+    assert value["rms_error"] == pytest.approx(rms, rel=1e-5)  # the file is float32
+
+
+def test_trace_lists_every_tap(capsys: pytest.CaptureFixture[str]) -> None:
+    value = report(capsys, "trace", *SMALL, "--pixel", "5,4", "--samples", "14")
+    assert value["pixel"] == [5, 4]
+    assert len(value["taps"]) == 14
+    total = np.sum([tap["contribution"] for tap in value["taps"]], axis=0)
+    assert np.allclose(total, value["radiance"], rtol=1e-5)  # float32 sums
+    code, text, _ = run(capsys, "trace", *SMALL, "--pixel", "5,4")
+    assert code == 0
+    assert "difference of sum and pixel" in text
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["render", "--method", "magic", "-o", "a.exr"], "method: must be one of"),
+        (["render", "-o", "a.gif"], "--output: must end in .exr"),
+        (["render", "-o", "absent/a.exr"], "--output: no folder"),
+        (["render", "--env", "nowhere", "-o", "a.exr"], "environment: must be a file"),
+        (["render", "--material", "mx=-1", "-o", "a.exr"], "mx: must be in"),
+        (["render", "--samples", "0", "-o", "a.exr"], "samples: must be at least 1"),
+        (["render", "--threshold", "2", "-o", "a.exr"], "threshold: must be in"),
+        (["render", "--footprint", "huge", "-o", "a.exr"], "footprint: must be one of"),
+        (["render", "--filter", "sinc", "-o", "a.exr"], "filter: must be one of"),
+        (["render", "--method", "importance", "--threshold", ".1", "-o", "a.exr"], "no option"),
+        (["render", "--width", "0", "-o", "a.exr"], "width: must be"),
+        (["render", "absent.toml", "-o", "a.exr"], "absent.toml: no such"),
+        (["render", "--gbuffer", "absent.npz", "-o", "a.exr"], "absent.npz: no such"),
+        (["render", "--gbuffer", "g.npz", "--shape", "plane", "-o", "a.exr"], "no meaning"),
+        (["reference", "--tolerance", "-1", "-o", "a.exr"], "tolerance"),
+        (["trace", "--pixel", "3"], "--pixel: must be X,Y"),
+        (["trace", "--pixel", "900,3"], "pixel: must be inside"),
+        (["study", "--methods", "regular/mine", "-o", "s"], "must be one of paper"),
+        (["study", "--methods", "importance/paper", "-o", "s"], "no option of method"),
+        (["study", "--samples", "7,x", "-o", "s"], "samples: must be whole numbers"),
+        (["study", "--samples", "7,7", "-o", "s"], "samples: must be at least one, each once"),
+        (["study", "--material", "kd=1", "-o", "s"], "material: must have a glossy lobe"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(
+    args: list[str],
+    words: str,
+    tmp_path: pathlib.Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, *args[:1], "--size", "16", *args[1:])
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert err.startswith(f"glossy {args[0]}: ")
+    assert words in err
+    assert not list(tmp_path.rglob("*.exr"))
+
+
+def test_a_missing_output_is_the_parsers_error(capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, err = run(capsys, "render")
+    assert code == 2
+    assert "-o/--output" in err
+
+
+def test_study_command(tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "out"
+    args = [
+        "study", "--env", "studio", "--size", "16", "--width", "10", "--material", "mx=.2",
+        "--methods", "regular/paper,importance", "--samples", "7,14", "--repeats", "1",
+        "-o", str(folder),
+    ]  # fmt: skip
+    code, out, err = run(capsys, *args)
+    assert (code, err) == (0, "")
+    assert "iso m=0.2: RMS error / RMS of the truth [%]" in out
+    assert "The paper's claims in these runs" in out
+    first = json.loads((folder / "study.json").read_text())
+    again = report(capsys, *args, "--resume")
+    assert again["cells"] == first["cells"]
+    assert len(again["sessions"]) == 2
+    code, _, err = run(capsys, *args)
+    assert code == 2
+    assert "--resume continues it" in err
