@@ -295,3 +295,102 @@ def test_comparing_loads_neither_compiler_nor_plotting(folder: pathlib.Path) -> 
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=folder
     )
     assert done.stdout.splitlines()[-1] == "0 []"
+
+
+def test_pixels_outside_the_mask_may_hold_anything(
+    folder: pathlib.Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    wild = np.full_like(TEST, np.nan)
+    wild[0] = np.inf
+    wild[5:9, 7:20] = TEST[5:9, 7:20]
+    image.write_image("wild.exr", wild)
+    arguments = ("wild.exr", "b.exr", "--mask", "mask.png", "--diff", "d.png")
+    assert figures(capfd, *arguments)["rms"] == glossy.rms(TEST[5:9, 7:20], REFERENCE[5:9, 7:20])
+    assert (folder / "d.png").exists()
+    assert capfd.readouterr() == ("", "")
+    assert "wild.exr: must be finite" in refusal(capfd, "wild.exr", "b.exr")
+
+
+@pytest.mark.usefixtures("folder")
+def test_the_mask_goes_by_its_colours(capfd: pytest.CaptureFixture[str]) -> None:
+    """Alpha and the further channels of a mask are not looked at, if it has colours."""
+    kept = np.zeros((20, 30), dtype=np.float32)
+    kept[3, 4:9] = 0.5
+    other = np.full_like(kept, np.nan)
+    image.write_exr(
+        "m.exr", {"R": 0 * kept, "G": kept, "B": 0 * kept, "A": 0 * kept + 1, "Z": other}
+    )
+    assert figures(capfd, "a.exr", "b.exr", "--mask", "m.exr")["pixels"] == 5
+    image.write_exr("z.exr", {"Z": kept})
+    assert figures(capfd, "a.exr", "b.exr", "--mask", "z.exr")["pixels"] == 5
+    image.write_exr("nan.exr", {"Z": other})
+    assert "nan.exr: holds NaN" in refusal(capfd, "a.exr", "b.exr", "--mask", "nan.exr")
+    assert "none.png: no such file" in refusal(capfd, "a.exr", "b.exr", "--mask", "none.png")
+
+
+def test_a_folder_of_masks(folders: pathlib.Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (folders / "masks").mkdir()
+    for rows, name in enumerate(("one.exr", "three.exr", "two.hdr"), start=1):
+        mask = np.zeros((20, 30, 3))
+        mask[:rows] = 1.0
+        image.write_image(f"masks/{name}", mask)
+    out = figures(capfd, "x", "y", "--mask", "masks")
+    assert {row["name"]: row["pixels"] for row in out["files"]} == {
+        "one.exr": 30, "three.exr": 60, "two.hdr": 90,
+    }  # fmt: skip
+    (folders / "masks" / "three.exr").unlink()
+    assert "masks/three.exr: no such file" in refusal(capfd, "x", "y", "--mask", "masks")
+
+
+def test_json_fields(folders: pathlib.Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One image: the fields of a Comparison; a folder: a list of these, and the verdict."""
+    assert folders.is_dir()
+    library = list(glossy.compare(TEST, REFERENCE).to_dict())
+    extra = ["a", "reference", "within_limits", "failures"]
+    single = figures(capsys, "a.exr", "b.exr", "--min-psnr", "10")
+    assert list(single) == [*library, *extra, "limits"]
+    assert single["limits"] == {"max_rms": None, "max_relative_rms": None, "min_psnr": 10.0}
+    several = figures(capsys, "x", "y")
+    assert list(several) == ["schema", "files", "within_limits", "limits"]
+    assert set(several["files"][0]) == {*library, *extra, "name"} - {"schema"}
+
+
+@pytest.mark.usefixtures("folder")
+def test_all_limits_are_judged_at_once(capsys: pytest.CaptureFixture[str]) -> None:
+    limits = ("--max-rms", "1e-6", "--max-relative-rms", "1e-6", "--min-psnr", "200")
+    assert compare("a.exr", "b.exr", *limits) == 1
+    assert capsys.readouterr().err.count("\n") == 3
+    image.write_image("black.exr", 0 * REFERENCE)
+    out = figures(capsys, "a.exr", "black.exr", "--max-relative-rms", "1e300")
+    assert (out["relative_rms"], out["within_limits"]) == (None, False)
+
+
+@pytest.mark.usefixtures("folder")
+def test_flip_not_installed_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "flip_evaluator", None)
+    assert "pip install glossy-envmap[flip]" in refusal(capfd, "a.exr", "b.exr", "--flip")
+
+
+def test_the_place_of_pictures_is_checked_first(
+    folders: pathlib.Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert "must be a folder" in refusal(capfd, "x", "y", "--diff", "mask.png")
+    (folders / "p.png").mkdir()
+    assert "is a directory" in refusal(capfd, "a.exr", "b.exr", "--diff", str(folders / "p.png"))
+
+
+def test_half_files_and_larger_ranges(
+    folder: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert folder.is_dir()
+    image.write_image("half.exr", TEST, half=True)
+    got = figures(capsys, "half.exr", "b.exr")
+    assert got["rms"] == glossy.rms(TEST.astype(np.float16), REFERENCE)
+    for name, pixels in (("big.exr", TEST), ("bigger.exr", REFERENCE)):
+        image.write_image(name, pixels * np.float32(1e30))
+    got = figures(capsys, "big.exr", "bigger.exr", "--peak", "1e30")
+    expected = glossy.compare(TEST * np.float32(1e30), REFERENCE * np.float32(1e30), peak=1e30)
+    assert got["psnr"] == expected.psnr
+    assert got["psnr"] == pytest.approx(glossy.psnr(TEST, REFERENCE), abs=1e-4)

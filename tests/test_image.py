@@ -7,6 +7,7 @@ import subprocess
 import sys
 from typing import Any
 
+import matplotlib.image
 import numpy as np
 import OpenEXR
 import OpenImageIO
@@ -14,6 +15,7 @@ import pytest
 import tolerances
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 
 from glossy import image, image_write
 
@@ -21,6 +23,8 @@ RNG = np.random.default_rng(5)
 RGB = RNG.random((13, 21, 3)).astype(np.float32)
 LOSSLESS = ("NO", "RLE", "ZIPS", "ZIP", "PIZ")
 LOSSY = ("PXR24", "B44", "B44A", "DWAA", "DWAB")
+LATER = ("HTJ2K256", "HTJ2K32", "ZSTD")  # lossless; OpenEXR 3.4 and 3.5
+AVAILABLE = [*LOSSLESS, *(name for name in LATER if hasattr(OpenEXR, f"{name}_COMPRESSION"))]
 
 
 def raw_exr(path: pathlib.Path, channels: dict[str, Any], **header: Any) -> str:
@@ -28,14 +32,23 @@ def raw_exr(path: pathlib.Path, channels: dict[str, Any], **header: Any) -> str:
     return str(path)
 
 
+def layout(tiled: bool) -> dict[str, Any]:
+    if not tiled:
+        return {"type": OpenEXR.scanlineimage}
+    tiles = OpenEXR.TileDescription()
+    tiles.xSize = tiles.ySize = 8
+    return {"type": OpenEXR.tiledimage, "tiles": tiles}
+
+
+@pytest.mark.parametrize("tiled", [False, True])
 @pytest.mark.parametrize("dtype", [np.float16, np.float32])
-@pytest.mark.parametrize("method", LOSSLESS)
+@pytest.mark.parametrize("method", AVAILABLE)
 def test_exr_of_every_lossless_compression_is_exact(
-    tmp_path: pathlib.Path, method: str, dtype: type
+    tmp_path: pathlib.Path, method: str, dtype: type, tiled: bool
 ) -> None:
     stored: np.ndarray[Any, Any] = RGB.astype(dtype)
     compression = getattr(OpenEXR, f"{method}_COMPRESSION")
-    path = raw_exr(tmp_path / "a.exr", {"RGB": stored}, compression=compression)
+    path = raw_exr(tmp_path / "a.exr", {"RGB": stored}, compression=compression, **layout(tiled))
     read = image.read_image(path)
     assert read.channels == ("R", "G", "B")
     assert read.pixels.dtype == np.float32
@@ -44,13 +57,17 @@ def test_exr_of_every_lossless_compression_is_exact(
     assert read.metadata["sample_type"] == kind
 
 
+@pytest.mark.parametrize("tiled", [False, True])
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
 @pytest.mark.parametrize("method", LOSSY)
-def test_exr_of_lossy_compressions_is_close(tmp_path: pathlib.Path, method: str) -> None:
+def test_exr_of_lossy_compressions_is_close(
+    tmp_path: pathlib.Path, method: str, dtype: type, tiled: bool
+) -> None:
     y, x = np.mgrid[0:64, 0:96]
     smooth = np.stack([1 + np.sin(x / 20), 1 + np.cos(y / 15), 0.5 + x / 100], axis=-1)
-    stored = smooth.astype(np.float16)
+    stored: np.ndarray[Any, Any] = smooth.astype(dtype)
     compression = getattr(OpenEXR, f"{method}_COMPRESSION")
-    path = raw_exr(tmp_path / "a.exr", {"RGB": stored}, compression=compression)
+    path = raw_exr(tmp_path / "a.exr", {"RGB": stored}, compression=compression, **layout(tiled))
     np.testing.assert_allclose(
         image.read_image(path).pixels, smooth, atol=tolerances.LOSSY_EXR, rtol=0
     )
@@ -368,6 +385,76 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: pathlib.Path) -> None:
         image.write_exr(tmp_path / "nowhere" / "a.exr", {"Y": RGB[..., 0]})
     with pytest.raises(OSError, match="is a directory"):
         image.write_exr(tmp_path, {"Y": RGB[..., 0]})
+
+
+@pytest.mark.parametrize("name", ["a.exr", "a.hdr", "a.png"])
+def test_a_full_disk_is_one_line_and_leaves_the_old_file(
+    tmp_path: pathlib.Path, capfd: pytest.CaptureFixture[str], name: str
+) -> None:
+    resource = pytest.importorskip("resource", reason="file sizes cannot be limited here")
+    path = tmp_path / name
+    path.write_bytes(b"old")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+    try:
+        with pytest.raises(OSError, match=r"(?i)too large") as caught:
+            image.write_image(path, RNG.random((60, 80, 3)))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+    assert path.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == [name]
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("name", ["a.exr", "a.hdr", "a.png"])
+def test_every_shortened_file_is_refused(
+    tmp_path: pathlib.Path, capfd: pytest.CaptureFixture[str], name: str
+) -> None:
+    image.write_image(tmp_path / name, RNG.random((12, 16, 3)))
+    whole = (tmp_path / name).read_bytes()
+    end = len(whole) - (12 if name == "a.png" else 0)  # PNG ends in 12 bytes without pixels
+    short = tmp_path / f"short-{name}"
+    for size in {*range(1, end, 23), *range(1, 12), end - 1}:
+        short.write_bytes(whole[:size])
+        with pytest.raises(ValueError, match=f"short-{name}: ") as caught:
+            image.read_image(short, encoding="linear")
+        assert "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("suffix", [".exr", ".hdr", ".png"])
+def test_names_may_hold_any_characters(tmp_path: pathlib.Path, suffix: str) -> None:
+    path = tmp_path / f"Glanz α☃ %s {{0}}{suffix}"
+    image.write_image(path, np.ones((2, 3, 3)))
+    np.testing.assert_array_equal(image.read_image(path, encoding="srgb").rgb(), 1.0)
+
+
+@given(hnp.arrays(
+    st.sampled_from([np.uint8, np.uint16]),
+    st.tuples(st.integers(1, 9), st.integers(1, 9), st.sampled_from([1, 3])),
+))  # fmt: skip
+def test_png_writer_is_exact(
+    tmp_path_factory: pytest.TempPathFactory, samples: np.ndarray[Any, Any]
+) -> None:
+    """Against two readers that have nothing in common with it; one sees eight bits only."""
+    path = tmp_path_factory.getbasetemp() / "written.png"
+    image_write.write_png(path, samples)
+    buffer = OpenImageIO.ImageBuf(str(path))
+    assert buffer.spec().get_string_attribute("oiio:ColorSpace").startswith("srgb")
+    np.testing.assert_array_equal(buffer.get_pixels(samples.dtype.name), samples)
+    if samples.dtype == np.uint8:
+        shown = np.atleast_3d(matplotlib.image.imread(path))
+        np.testing.assert_array_equal(np.rint(shown * 255), samples)
+
+
+def test_png_rows_choose_their_filter() -> None:
+    noise = RNG.integers(0, 256, (4, 300, 3)).astype(np.uint8)
+    ramp = np.broadcast_to((np.arange(300) * 7 % 256)[None, :, None], (4, 300, 3)).astype(np.uint8)
+    kinds = image_write._png_rows(np.concatenate([0 * noise, noise, noise[-1:], ramp]))[:, 0]
+    assert kinds[0] == 0
+    assert (kinds[8], kinds[9], kinds[10]) == (2, 1, 2)
 
 
 def patched_window(path: pathlib.Path, box: tuple[int, int, int, int]) -> str:

@@ -191,6 +191,21 @@ def test_far_from_one(scale: float, dtype: type) -> None:
     assert got.log_rms == pytest.approx(expected_log, rel=1e-9, abs=tolerances.ROUNDOFF)
 
 
+@pytest.mark.parametrize("error", [1e-140, 1e-170, 1e-300])
+def test_the_smallest_differences_beside_large_values(error: float) -> None:
+    """Their squares vanish in float64; the figures do not."""
+    b = np.zeros((9, 8, 3))
+    b[0] = 1000.0
+    a = b.copy()
+    a[3, 4, 1] = error
+    got = glossy.compare(a, b)
+    assert not got.identical
+    assert got.rms == pytest.approx(error / math.sqrt(b.size), rel=tolerances.ROUNDOFF)
+    expected = error / (1000.0 * math.sqrt(8 * 3))
+    assert got.relative_rms == pytest.approx(expected, rel=tolerances.ROUNDOFF)
+    assert math.isfinite(got.psnr)
+
+
 def test_one_wrong_pixel_among_many_is_found_and_counted_exactly() -> None:
     """A sum of a million ones and one 1e16: naive summation would lose the ones."""
     a = np.zeros((1000, 1000))
