@@ -148,11 +148,11 @@ def _gain(table: Table, regular: str, rival: str, bias: str) -> Claim:
 
 
 def _similar(table: Table, regular: str, rival: str, bias: str) -> Claim:
-    top = table.budgets[-1]
-    pairs = table.pairs(regular, rival, table.of_kind("iso"), [top], bias)
+    top = table.budgets[-1:]
+    pairs = table.pairs(regular, rival, table.of_kind("iso"), top, bias)
     statement = (
-        f"At {top} samples both methods come close to the truth on isotropic lobes, with "
-        f"similar errors (within a factor {SIMILAR:g}; {bias} bias)"
+        f"With the largest budget ({''.join(map(str, top))}) the two methods have similar errors "
+        f"on isotropic lobes (within a factor {SIMILAR:g}; {bias} bias)"
     )
     outcomes = []
     for a, b in pairs:
