@@ -129,6 +129,8 @@ def test_extra_channels_wait_to_be_named(capfd: pytest.CaptureFixture[str]) -> N
     rgb = {n: REFERENCE[..., i] for i, n in enumerate("RGB")}
     image.write_exr("truth.exr", {**rgb, "error.R": TEST[..., 1], "A": TEST[..., 2]})
     assert figures(capfd, "a.exr", "truth.exr")["rms"] == glossy.rms(TEST, REFERENCE)
+    back = figures(capfd, "truth.exr", "a.exr")
+    assert (back["rms"], back["channels"]) == (glossy.rms(TEST, REFERENCE), ["R", "G", "B"])
     out = figures(capfd, "truth.exr", "truth.exr", "--channels", "error.R,A")
     assert out["channels"] == ["error.R", "A"]
     text = refusal(capfd, "a.exr", "truth.exr", "--channels", "error.R")

@@ -5,6 +5,7 @@ import pathlib
 import struct
 import subprocess
 import sys
+import zlib
 from typing import Any
 
 import matplotlib.image
@@ -529,6 +530,45 @@ def test_unusable_files_are_one_line_naming_them(
         assert words in text
         assert "\n" not in text
     assert capfd.readouterr() == ("", "")  # the C libraries are silent too
+
+
+def png_claiming(width: int, height: int) -> bytes:
+    out = b"\x89PNG\r\n\x1a\n"
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    for kind, data in ((b"IHDR", header), (b"IDAT", zlib.compress(bytes(100))), (b"IEND", b"")):
+        out += struct.pack(">I", len(data)) + kind + data
+        out += struct.pack(">I", zlib.crc32(kind + data))
+    return out
+
+
+def test_sizes_that_headers_only_claim(
+    tmp_path: pathlib.Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing, less than nothing, and more than there is: refused before memory is taken."""
+    paths = []
+    boxes = [(0, 0, -1, -1), (5, 5, 0, 0), (-(2**31), -(2**31), 2**31 - 1, 2**31 - 1),
+             (0, 0, 2**30, 0), (0, 0, 0, 2**30), (0, 0, 16000, 16000)]  # fmt: skip
+    for i, box in enumerate(boxes):
+        raw_exr(tmp_path / f"{i}.exr", {"Y": RGB[..., 0].copy()})
+        paths.append(patched_window(tmp_path / f"{i}.exr", box))
+    contents = {
+        "wide.hdr": radiance(b"\x80" * 64, b"-Y 60000 +X 60000"),
+        "below.hdr": radiance(b"\x80" * 64, b"-Y -5 +X 3"),
+        "wide.png": png_claiming(100000, 100000),
+        "none.png": png_claiming(0, 5),
+        "short.png": png_claiming(4000, 4000),
+        "wide.pfm": b"PF\n60000 60000\n-1\n" + bytes(50),
+        "wild.bmp": b"BM" + b"\xff" * 60,
+    }
+    for name, data in contents.items():
+        (tmp_path / name).write_bytes(data)
+        paths.append(str(tmp_path / name))
+    for path in paths:
+        with pytest.raises(ValueError, match=r"cannot be read|limit") as caught:
+            image.read_image(path, encoding="linear")
+        assert str(caught.value).startswith(f"{path}: ")
+        assert "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")
 
 
 def test_pixel_limit_can_be_moved(tmp_path: pathlib.Path) -> None:
