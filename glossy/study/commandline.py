@@ -2,6 +2,7 @@
 
 import argparse
 import pathlib
+import shlex
 import time
 from typing import Any
 
@@ -12,6 +13,18 @@ from .run import Study
 
 SIDE = 128  # pixels of the default picture: the default study takes about a minute
 DEFAULT_TOLERANCE = 1e-3
+
+
+def command_line(args: argparse.Namespace) -> str:
+    """The command that starts the same study anew."""
+    words = ["glossy", "study"]
+    if args.scene:
+        words.append(str(args.scene))
+    skip = ("command", "run", "scene", "output", "resume", "json")
+    for name, value in sorted(vars(args).items()):
+        if name not in skip and value is not None:
+            words += ["--" + name.replace("_", "-"), str(value)]
+    return shlex.join([*words, "-o", str(args.output)])
 
 
 def _budgets(text: str | None) -> tuple[int, ...]:
@@ -38,7 +51,7 @@ def plan_from(args: argparse.Namespace, scene: Any) -> settings.Plan:
         cases=cases,
         methods=[settings.parse_method(name) for name in named],
         budgets=_budgets(args.samples),
-        filter=args.filter or "gauss6",
+        filter=args.filter or scene.options.get("filter", "gauss6"),
         tolerance=DEFAULT_TOLERANCE if tolerance is None else tolerance,
         repeats=3 if args.repeats is None else args.repeats,
     )
@@ -74,7 +87,7 @@ def finish(study: Study, variants: dict[str, list[claims.Claim]]) -> list[str]:
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
-    start = time.perf_counter()
+    start, command = time.perf_counter(), command_line(args)
     if args.scene is None:
         args.width = SIDE if args.width is None else args.width
         args.height = args.width if args.height is None else args.height
@@ -88,6 +101,7 @@ def run(args: argparse.Namespace) -> int:
         scene.environment.source,
         args.output,
         resume=args.resume,
+        command=command,
     )
     study.run(lambda steps: options.progress(steps, len(steps), "study"))
     variants = evaluate(study)

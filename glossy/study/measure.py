@@ -28,8 +28,7 @@ FURTHER = 4  # steps beyond the coarse grid, should the best lie on its edge
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 GOLDEN_STEPS = 5
 
-ENOUGH = 0.05  # seconds of timed runs
-MOST = 9
+BLOCK = 0.02  # seconds of CPU time that a timed block lasts at least
 
 
 @dataclasses.dataclass(frozen=True)
@@ -152,16 +151,17 @@ def _vertex(x: list[float], y: list[float]) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Timing:
-    """How long a picture takes.
+    """How long a picture takes on one thread, in seconds for each call of a timed block.
 
-    ``seconds``: median wall time of the ``runs``, on all threads; ``cpu_seconds``: least CPU time
-    of a run on one thread, where nothing waits for another; ``cpu_ratio``: that over the
-    baseline's, which is run in turn with the picture. Other work on the machine lengthens the wall
-    time; the CPU time and the ratio suffer least.
+    ``seconds``: median wall time of the blocks ``runs``; ``cpu_seconds``: least CPU time of them;
+    ``cpu_ratio``: that over the baseline's least, which is timed in turn with the picture;
+    ``calls``: in each block. On one thread nothing waits for another thread, so other work on the
+    machine lengthens the wall time and hardly the CPU time; what is left divides out of the ratio.
     """
 
     seconds: float
     runs: list[float]
+    calls: list[int]
     cpu_seconds: float
     cpu_ratio: float
 
@@ -169,35 +169,38 @@ class Timing:
 def timed(run: Callable[[], Any], baseline: Callable[[], Any], repeats: int) -> tuple[Any, Timing]:
     """What ``run`` returns, and its time; both functions must be warm.
 
-    At least ``repeats`` runs, more while they are short: until ``ENOUGH`` seconds or ``MOST`` runs.
+    Each of ``repeats`` blocks calls ``run`` until ``BLOCK`` seconds of CPU time have passed, then
+    ``baseline`` as often.
     """
     wall: list[float] = []
     cpu: list[float] = []
     base: list[float] = []
+    calls: list[int] = []
     result = None
-    while len(wall) < repeats or (sum(wall) < ENOUGH and len(wall) < MOST):
-        start = time.perf_counter()
-        result = run()
-        wall.append(time.perf_counter() - start)
-        with one_thread():
-            cpu.append(_cpu_time(run))
-            base.append(_cpu_time(baseline))
+    with one_thread():
+        for _ in range(repeats):
+            count = 0
+            clock, start = time.perf_counter(), time.process_time()
+            while (spent := time.process_time() - start) < BLOCK or count == 0:
+                result = run()
+                count += 1
+            wall.append((time.perf_counter() - clock) / count)
+            cpu.append(spent / count)
+            start = time.process_time()
+            for _ in range(count):
+                baseline()
+            base.append((time.process_time() - start) / count)
+            calls.append(count)
     ratio = min(cpu) / max(min(base), 1e-9)
-    return result, Timing(float(np.median(wall)), wall, min(cpu), ratio)
+    return result, Timing(float(np.median(wall)), wall, calls, min(cpu), ratio)
 
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Kernels run on one thread meanwhile."""
+    """Kernels run on one thread meanwhile; their results are the same on any number."""
     before = numba.get_num_threads()
     numba.set_num_threads(1)
     try:
         yield
     finally:
         numba.set_num_threads(before)
-
-
-def _cpu_time(run: Callable[[], Any]) -> float:
-    start = time.process_time()
-    run()
-    return time.process_time() - start

@@ -46,13 +46,15 @@ def _save(figure: "Figure", path: pathlib.Path) -> None:
 def speed_against_error(cells: Sequence["Cell"], path: pathlib.Path, subtitle: str) -> None:
     """Relative RMS error over CPU time per pixel, log-log, one panel for each case.
 
+    The time is ``cpu_ratio`` in units of the baseline's least time, so that a machine which slows
+    down for a while moves no marker.
     Filled markers and full lines have the best bias, hollow ones and dashed lines none; the
     numbers are samples. Where the truth's own error is large enough to be seen it is shaded.
     """
     from matplotlib.lines import Line2D
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    table = Table(cells)
+    table, unit = Table(cells), baseline_microseconds(cells)
     methods = list(dict.fromkeys(c.method for c in cells))
     figure = _figure(max(5.2, 4.4 * len(table.cases)), 4.9)
     panels = figure.subplots(1, len(table.cases), sharex=True, sharey=True, squeeze=False)[0]
@@ -62,34 +64,15 @@ def speed_against_error(cells: Sequence["Cell"], path: pathlib.Path, subtitle: s
             style = {"color": COLOURS[k % 7], "marker": MARKERS[k % 7], "markersize": 5.5}
             for bias, line in (("zero", "--"), ("best", "-")):
                 row = table.line(method, case, bias)
-                x = [1e6 * c.cpu_seconds / c.pixels for c in row]
+                x = [unit * c.cpu_ratio for c in row]
                 y = [100.0 * c.relative_rms for c in row]
                 face = "white" if bias == "zero" else style["color"]
                 alpha = 0.65 if bias == "zero" else 1.0
                 panel.plot(x, y, line, linewidth=1.4, markerfacecolor=face, alpha=alpha, **style)
-        longest = max(
-            (table.line(m, case, "best") for m in methods), key=lambda row: len(row), default=[]
-        )
-        for c in longest:
-            lowest = min(
-                (
-                    d.relative_rms
-                    for m in methods
-                    for d in table.line(m, case, "best")
-                    if d.budget == c.budget
-                ),
-            )
-            place = (1e6 * c.cpu_seconds / c.pixels, 100.0 * lowest)
-            panel.annotate(
-                str(c.samples),
-                place,
-                (0, -15),
-                textcoords="offset points",
-                ha="center",
-                fontsize=7.5,
-                color="#444444",
-            )
-        doubt = max(100.0 * c.truth_error / c.truth_level for c in cells if c.case == case)
+        for budget in table.budgets:
+            _count(panel, [c for c in cells if (c.case, c.budget) == (case, budget)], unit)
+        own = [c for c in cells if c.case == case and c.truth_level > 0.0]
+        doubt = max((100.0 * c.truth_error / c.truth_level for c in own), default=0.0)
         if doubt > 0.0:
             panel.axhline(doubt, color="#999999", linewidth=1.0)
             panel.axhspan(doubt * 1e-3, doubt, color="#999999", alpha=0.18, linewidth=0)
@@ -116,11 +99,27 @@ def speed_against_error(cells: Sequence["Cell"], path: pathlib.Path, subtitle: s
     handles += [
         Line2D([], [], color="#555555", label="best bias"),
         Line2D([], [], color="#555555", linestyle="--", label="bias 0"),
-        Line2D([], [], color="#bbbbbb", linewidth=6, label="truth's own error"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)
     figure.suptitle(f"Error against time. {subtitle}", fontsize=11)
     _save(figure, path)
+
+
+def baseline_microseconds(cells: Sequence["Cell"]) -> float:
+    """Least CPU time of the baseline [us per pixel, one thread]: the unit of ``cpu_ratio``."""
+    return 1e6 * min(c.cpu_seconds / (max(c.cpu_ratio, 1e-9) * c.pixels) for c in cells)
+
+
+def _count(panel: Any, cells: Sequence["Cell"], unit: float) -> None:
+    """The samples of one budget, below the lowest of its markers and in the middle of them."""
+    shown = [c for c in cells if c.relative_rms > 0.0 and c.bias_kind == "best"]
+    if not shown:
+        return
+    x = unit * float(np.exp(np.mean([np.log(c.cpu_ratio) for c in shown])))
+    y = 100.0 * min(c.relative_rms for c in shown)
+    style: dict[str, Any] = {"ha": "center", "fontsize": 8.5, "color": "#333333"}
+    text = f"n={shown[0].samples}"
+    panel.annotate(text, (x, y), (0, -17), textcoords="offset points", **style)
 
 
 def _grid(values: FloatArray, seen: npt.NDArray[np.bool_], background: float) -> FloatArray:

@@ -8,13 +8,22 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from .claims import Claim, Table
+from .measure import BLOCK
 from .run import Cell
 
 if TYPE_CHECKING:
     from .run import Study
 
 SCHEMA = 1
+PICTURES = """\
+Radiance is shown sRGB encoded, with one white for all pictures of a figure, chosen from its truth
+and printed above it; brighter pixels are clipped. The false colours are |image - truth| in
+luminance, in percent of the truth's RMS; the scale of each row ends at the 99.5th percentile of
+its two differences.
+"""
 
 
 def error_table(cells: Sequence[Cell]) -> str:
@@ -41,26 +50,29 @@ def error_table(cells: Sequence[Cell]) -> str:
 
 
 def time_table(cells: Sequence[Cell]) -> str:
-    """Times of the bias-0 cells: of a picture, CPU time over the baseline's, per sample."""
+    """Times of the bias-0 cells on one thread: of a picture, over the baseline's, per sample."""
     table = Table(cells)
     methods = list(dict.fromkeys(c.method for c in cells))
     width = max(len(m) for m in methods) + 2
     lines = []
     for case in table.cases:
-        lines.append(
-            f"{case}: time of a picture, median [ms]; CPU time against the baseline; ns/sample"
-        )
+        lines.append(f"{case}: time of a picture on one thread; CPU time over the baseline's")
         for method in methods:
             row = table.line(method, case, "zero")
-            lines.append(_row(method, "ms", [f"{1e3 * c.seconds:.3g}" for c in row], width))
-            lines.append(_row("", "CPU ratio", [f"{c.cpu_ratio:.3g}" for c in row], width))
-            lines.append(_row("", "CPU ns/tap", [f"{c.ns_per_sample:.3g}" for c in row], width))
+            for label, values in (
+                ("CPU ms", [1e3 * c.cpu_seconds for c in row]),
+                ("wall ms", [1e3 * c.seconds for c in row]),
+                ("CPU ratio", [c.cpu_ratio for c in row]),
+                ("CPU ns/tap", [c.ns_per_sample for c in row]),
+            ):
+                texts = [f"{value:.3g}" for value in values]
+                lines.append(_row(method if label == "CPU ms" else "", label, texts, width))
         lines.append("")
     return "\n".join(lines)
 
 
 def _row(method: str, label: str, values: Sequence[str], width: int) -> str:
-    return f"  {method:<{width}}{label:<10}" + "".join(f"{v:>8}" for v in values)
+    return f"  {method:<{width}}{label:<11}" + "".join(f"{v:>8}" for v in values)
 
 
 def _percent(cell: Cell) -> str:
@@ -138,7 +150,7 @@ def _without_infinities(value: Any) -> Any:
 
 def markdown(study: "Study", variants: dict[str, list[Claim]], pictures: Sequence[str]) -> str:
     """report.md."""
-    s, last = study.settings, study.store.sessions[-1]
+    s = study.settings
     first = next(iter(variants), None)
     thresholds = ", ".join(f"{n}: {xi:g}" for n, xi in s["thresholds"].items())
     parts = [
@@ -148,11 +160,12 @@ def markdown(study: "Study", variants: dict[str, list[Claim]], pictures: Sequenc
         f"budget: {thresholds}. All methods of a budget take the count the regular pattern "
         "reaches. Best bias: least RMS error over "
         f"about {s['bias_search_pixels']} of the pixels; errors are over all of them.\n",
-        f"glossy {last['glossy']}, NumPy {last['numpy']}, Numba {last['numba']}, Python "
-        f"{last['python']}; {last['cpu']}, {last['threads']} threads. Times of a picture are the "
-        f"median of at least {s['repeats']} warm runs on all threads; CPU times are of one thread, "
-        "as ratios to the first case and method at the smallest budget, run in turn with each "
-        "cell.\n",
+        *(["Reproduce with\n", f"```\n{study.command}\n```\n"] if study.command else []),
+        "## The truth\n",
+        truth_table(study),
+        "",
+        "Verdicts and errors hold up to this: an error against the truth differs from that against "
+        "the exact integral by no more.\n",
         "## Which of the paper's claims hold in these runs\n",
     ]
     if first is None:
@@ -169,9 +182,38 @@ def markdown(study: "Study", variants: dict[str, list[Claim]], pictures: Sequenc
         parts += ["The same with the other regular variants:\n", variant_table(variants), ""]
     parts += ["## Errors\n", "```", error_table(study.cells).rstrip(), "```\n"]
     parts += ["![error against time](speed.png)\n", "## Times\n"]
-    parts += ["```", time_table(study.cells).rstrip(), "```\n", "## Pictures\n"]
-    parts += [f"![{name}]({name})\n" for name in pictures]
+    parts += [_timing(study), "```", time_table(study.cells).rstrip(), "```\n"]
+    if pictures:
+        parts += ["## Pictures\n", PICTURES]
+        parts += [f"![{name}]({name})\n" for name in pictures]
     return "\n".join(parts)
+
+
+def truth_table(study: "Study") -> str:
+    """How the truth of each case was found and how well it is known, as Markdown."""
+    rows = ["case | RMS of the truth | RMS of its error | relative | kind | seconds"]
+    rows.append(" | ".join(["---"] * 6))
+    for name, truth in study.truths.items():
+        level = float(np.sqrt(np.mean(np.square(truth.radiance))))
+        share = f"{100.0 * truth.rms_error / level:.2g} %" if level > 0.0 else "-"
+        figures = f"{level:.5g} | {truth.rms_error:.2g} | {share}"
+        rows.append(f"{name} | {figures} | {truth.kind} | {truth.seconds:.3g}")
+    return "\n".join(f"| {row} |" for row in rows)
+
+
+def _timing(study: "Study") -> str:
+    last = study.store.sessions[-1]
+    text = (
+        f"{last['cpu']}, {last['system']}; glossy {last['glossy']}, Python {last['python']}, NumPy "
+        f"{last['numpy']}, Numba {last['numba']}. All on one thread, compiled beforehand: "
+        f"{study.settings['repeats']} blocks of at least {1e3 * BLOCK:g} ms; CPU: the least of the "
+        "blocks, wall: their median. Ratio: over the baseline (first case and method, smallest "
+        "budget, bias 0), timed in turn with each cell. Bias 0; study.csv has the rest.\n"
+    )
+    used = sorted({c.session for c in study.cells})
+    if len(used) > 1:
+        text += f"\nMeasured in {len(used)} sessions, which study.json lists.\n"
+    return text
 
 
 def dumps(value: dict[str, Any]) -> str:

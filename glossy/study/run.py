@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..frames import SurfacePoints
-from .measure import Figures, Judge, Timing, best_bias, timed
+from .measure import Figures, Judge, Timing, best_bias, one_thread, timed
 from .settings import Case, MethodSpec, Plan, digest, machine, threshold_for
 from .store import Store
 
@@ -31,8 +31,9 @@ class Cell:
 
     ``samples``: taps per pixel over all lobes (``taps``: of each); ``threshold``: None where the
     method has none; ``truth_error``: RMS of the truth's own error estimate, in the units of
-    ``rms``; ``truth_level``: RMS of the truth; ``ns_per_sample``: CPU time of one thread for a
-    tap; ``search``: the (bias, RMS of the subset) tried; ``session``: which run measured it.
+    ``rms``; ``truth_level``: RMS of the truth; ``seconds`` to ``cpu_ratio``: see ``Timing``;
+    ``ns_per_sample``: CPU time of a tap; ``search``: the (bias, RMS of the subset) tried;
+    ``session``: which run measured it.
     """
 
     case: str
@@ -58,6 +59,7 @@ class Cell:
     truth_level: float
     seconds: float
     runs: list[float]
+    calls: list[int]
     cpu_seconds: float
     cpu_ratio: float
     ns_per_sample: float
@@ -104,6 +106,8 @@ class Study:
     folder : path
     resume : bool
         Continue with the measurements in ``folder``.
+    command : str
+        The command line that reproduces the study, for the record.
 
     Raises
     ------
@@ -119,8 +123,9 @@ class Study:
         environment: str,
         folder: Any,
         resume: bool = False,
+        command: str = "",
     ) -> None:
-        self.plan, self.cube = plan, cube
+        self.plan, self.cube, self.command = plan, cube, command
         self.seen = points.coverage
         self.points = points[self.seen]
         if self.seen.sum() < 2:
@@ -135,7 +140,7 @@ class Study:
             "pixels": int(self.seen.sum()),
             "points_sha256": digest(points.normal, points.tangent, points.view, self.seen),
         }
-        self.store = Store(folder, self.settings, machine(), resume)
+        self.store = Store(folder, self.settings, self._session(), resume)
         self.truths: dict[str, Truth] = {}
         self.cells: list[Cell] = []
         stride = max(1, int(self.seen.sum()) // plan.subset)
@@ -150,6 +155,9 @@ class Study:
 
             self._pyramid = build_pyramid(self.cube, filter=self.plan.filter)
         return self._pyramid
+
+    def _session(self) -> dict[str, Any]:
+        return {**machine(), "command": self.command}
 
     def steps(self) -> list[Callable[[], None]]:
         """The work in order: each call finishes one truth or one measurement."""
@@ -167,7 +175,7 @@ class Study:
         """Do what is not done; ``progress`` may wrap the list of steps."""
         for step in progress(self.steps()):
             step()
-        self.store.sessions[-1] = machine()  # the threading layer is known now
+        self.store.sessions[-1] = self._session()  # the threading layer is known now
         self.store.save_manifest()
         return self.cells
 
@@ -234,7 +242,11 @@ class Study:
             cell = self._measure(case, method, budget, bias_kind)
             self.store.put(key, dataclasses.asdict(cell))
         else:
-            cell = Cell(**stored)
+            try:
+                cell = Cell(**stored)
+            except TypeError:
+                path = self.store.cell_path(key)
+                raise ValueError(f"{path}: of another version; delete it to redo it") from None
         self.cells.append(cell)
 
     def _measure(self, case: Case, method: MethodSpec, budget: int, bias_kind: str) -> Cell:
@@ -246,9 +258,12 @@ class Study:
         search: list[tuple[float, float]] = []
         if bias_kind == "best":
             few = self.points[self.subset]
-            bias, search = best_bias(
-                lambda b: judge.rms(self.image(case, method, budget, b, few), self.subset)
-            )
+            with one_thread():  # too few pixels to share
+                bias, search = best_bias(
+                    lambda b: judge.rms(self.image(case, method, budget, b, few), self.subset)
+                )
+            if judge.rms(self.image(case, method, budget, bias)) > self.cells[-1].rms:
+                bias = 0.0  # the cell before is the same without bias; the subset misled
         self.image(case, method, budget, bias, self.points[:1])  # compile outside the clock
         self._baseline()
         image, timing = timed(

@@ -12,6 +12,7 @@ A study that is resumed takes the finished files as they are, so its numbers sta
 import json
 import os
 import pathlib
+import zipfile
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ import numpy.typing as npt
 from ..image_write import replacing
 
 MANIFEST = "study.lock.json"
+TRUTH = ("radiance", "error", "kind", "seconds")
 Array = npt.NDArray[np.float64]
 
 
@@ -62,28 +64,30 @@ class Store:
         (self.folder / "cells").mkdir(parents=True, exist_ok=True)
         (self.folder / "truth").mkdir(exist_ok=True)
         self.sessions: list[Any] = []
-        manifest = self.folder / MANIFEST
-        if manifest.exists():
-            self._continue(manifest, resume)
+        kept = ("cells/*.json", "truth/*.npz")
+        if any(any(self.folder.glob(pattern)) for pattern in kept):
+            if not resume:
+                raise ValueError(
+                    f"{self.folder}: holds a study already; --resume continues it, "
+                    "or choose another folder"
+                )
+            self._continue(self.folder / MANIFEST)
         self.sessions.append(machine)
         self.save_manifest()
 
-    def _continue(self, manifest: pathlib.Path, resume: bool) -> None:
-        if not resume and any((self.folder / "cells").iterdir()):
-            raise ValueError(
-                f"{self.folder}: holds a study already; --resume continues it, "
-                "or choose another folder"
-            )
+    def _continue(self, manifest: pathlib.Path) -> None:
         try:
-            old = json.loads(manifest.read_text())
-            settings, sessions = old["settings"], old["sessions"]
-        except (ValueError, KeyError, TypeError):
+            old = json.loads(manifest.read_text(encoding="utf-8"))
+            settings, sessions = dict(old["settings"]), list(old["sessions"])
+        except (OSError, ValueError, KeyError, TypeError):
             raise ValueError(f"{manifest}: not the record of a study") from None
-        if resume and settings != self.settings:
-            changed = [k for k in self.settings if settings.get(k) != self.settings[k]]
-            names = ", ".join(changed or ["their number"])
-            raise ValueError(f"{self.folder}: holds a study with other settings ({names})")
-        self.sessions = sessions if resume else []
+        if settings != self.settings:
+            keys = dict.fromkeys([*self.settings, *settings])
+            changed = [k for k in keys if settings.get(k) != self.settings.get(k)]
+            raise ValueError(
+                f"{self.folder}: holds a study with other settings ({', '.join(changed)})"
+            )
+        self.sessions = sessions
 
     @property
     def session(self) -> int:
@@ -95,28 +99,34 @@ class Store:
         value = {"schema": 1, "settings": self.settings, "sessions": self.sessions}
         write_json(self.folder / MANIFEST, value)
 
+    def cell_path(self, key: str) -> pathlib.Path:
+        """Where a finished measurement is kept."""
+        return self.folder / "cells" / f"{key}.json"
+
     def get(self, key: str) -> dict[str, Any] | None:
         """A finished measurement, or None."""
-        path = self.folder / "cells" / f"{key}.json"
+        path = self.cell_path(key)
         if not path.exists():
             return None
         try:
-            value: dict[str, Any] = json.loads(path.read_text())
-            return value
-        except ValueError:
+            return dict(json.loads(path.read_text(encoding="utf-8")))
+        except (ValueError, TypeError):
             raise ValueError(f"{path}: not a finished measurement; delete it to redo it") from None
 
     def put(self, key: str, value: dict[str, Any]) -> None:
         """Keep a finished measurement."""
-        write_json(self.folder / "cells" / f"{key}.json", value)
+        write_json(self.cell_path(key), value)
 
     def get_truth(self, key: str) -> dict[str, Array] | None:
         """Arrays of a finished ground truth, or None."""
         path = self.folder / "truth" / f"{key}.npz"
         if not path.exists():
             return None
-        with np.load(path, allow_pickle=False) as data:
-            return {name: data[name] for name in data.files}
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                return {name: data[name] for name in TRUTH}
+        except (zipfile.BadZipFile, ValueError, EOFError, KeyError):
+            raise ValueError(f"{path}: not a finished truth; delete it to redo it") from None
 
     def put_truth(self, key: str, arrays: dict[str, Any]) -> None:
         """Keep a finished ground truth."""
