@@ -120,14 +120,14 @@ def _lower(id: str, statement: str, source: str, pairs: list[tuple[Cell, Cell]])
 
 
 def _ratio(pairs: Sequence[tuple[Cell, Cell]]) -> float:
-    """Geometric mean of the second error over the first."""
+    """Geometric mean of the second error over the first; neither is zero."""
     return math.exp(sum(math.log(b.rms / a.rms) for a, b in pairs) / len(pairs))
 
 
 def _gain(table: Table, regular: str, rival: str, bias: str) -> Claim:
     groups = [table.pairs(regular, rival, table.of_kind(k), LOW, bias) for k in ("iso", "aniso")]
     statement = f"The advantage at low budgets is larger for anisotropic lobes ({bias} bias)"
-    if not all(groups):
+    if not all(groups) or min(c.rms for g in groups for pair in g for c in pair) == 0.0:
         return Claim(f"b-{bias}", statement, "Fig. 8, Sec. 10", UNTESTED, "", [])
     iso, aniso = (_ratio(group) for group in groups)
     # both ratios move by at most the truth's error relative to the smaller error of each pair
@@ -202,6 +202,8 @@ def samples_needed(line: Sequence[Cell], error: float) -> float | None:
         return float(line[0].samples)
     for x, y in itertools.pairwise(line):
         if y.rms <= error < x.rms:
+            if y.rms == 0.0:
+                return float(y.samples)
             share = math.log(x.rms / error) / math.log(x.rms / y.rms)
             return math.exp(math.log(x.samples) + share * math.log(y.samples / x.samples))
     return None
@@ -240,7 +242,7 @@ def _shape(
     outcomes, parts = [], []
     for a, b in pairs:
         x, y = sign * getattr(a, field), sign * getattr(b, field)
-        doubt = a.truth_error / min(a.rms, b.rms) * max(abs(x), abs(y))
+        doubt = a.truth_error / max(min(a.rms, b.rms), 1e-300) * max(abs(x), abs(y))
         outcomes.append(compare(x, y, doubt))
         values = f"{getattr(a, field):.3g} : {getattr(b, field):.3g}"
         parts.append(f"{a.case} n={a.samples} {values}")

@@ -71,8 +71,7 @@ def speed_against_error(cells: Sequence["Cell"], path: pathlib.Path, subtitle: s
                 panel.plot(x, y, line, linewidth=1.4, markerfacecolor=face, alpha=alpha, **style)
         for budget in table.budgets:
             _count(panel, [c for c in cells if (c.case, c.budget) == (case, budget)], unit)
-        own = [c for c in cells if c.case == case and c.truth_level > 0.0]
-        doubt = max((100.0 * c.truth_error / c.truth_level for c in own), default=0.0)
+        doubt = max(100.0 * c.truth_error / c.truth_level for c in cells if c.case == case)
         if doubt > 0.0:
             panel.axhline(doubt, color="#999999", linewidth=1.0)
             panel.axhspan(doubt * 1e-3, doubt, color="#999999", alpha=0.18, linewidth=0)
@@ -182,12 +181,13 @@ def pictures(study: "Study", case_name: str, bias_kind: str, path: pathlib.Path)
             figures = f"RMS {100.0 * cell.relative_rms:.3g} %"
             panel.set_title(f"|{cell.method} − truth|\n{figures}", fontsize=9)
         bar = figure.colorbar(scale, ax=panel_row[4], shrink=0.95, extend="max")
-        bar.set_label("% of the truth's RMS", fontsize=8)
-        bar.ax.tick_params(labelsize=8)
+        bar.set_label("% of the truth's RMS", fontsize=8.5)
+        bar.ax.tick_params(labelsize=8.5)
         for panel in panel_row:
             panel.set_xticks([])
             panel.set_yticks([])
     bias = "with the best level bias" if bias_kind == "best" else "without level bias"
-    figure.suptitle(f"{case_name}, {bias}   (white = {white:.3g}, sRGB)", fontsize=11)
+    tone = f"white = radiance {white:.3g}, the truth's {WHITE:g}th percentile; sRGB"
+    figure.suptitle(f"{case_name}, {bias}   ({tone})", fontsize=11)
     _save(figure, path)
     return True

@@ -188,6 +188,8 @@ class Study:
             truth = reference(
                 self.points, case.material, self.cube, tolerance=self.plan.tolerance, diffuse=False
             )
+            if not np.any(truth.radiance):
+                raise ValueError(f"environment: must light the surface, {case.name} is black")
             arrays = {
                 "radiance": truth.radiance,
                 "error": truth.error,
