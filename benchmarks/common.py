@@ -75,8 +75,8 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     cells = [[str(c) for c in row] for row in [header, *rows]]
     widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
     lines = [" | ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) for row in cells]
-    lines.insert(1, "|".join("-" * (w + 1 + (i > 0)) for i, w in enumerate(widths)))
-    return "\n".join(f"| {line} |" if i != 1 else f"|{line}-|" for i, line in enumerate(lines))
+    rule = "|".join("-" * (w + 2) for w in widths)
+    return "\n".join([f"| {lines[0]} |", f"|{rule}|", *(f"| {line} |" for line in lines[1:])])
 
 
 def arguments(description: str | None) -> argparse.ArgumentParser:
@@ -84,7 +84,18 @@ def arguments(description: str | None) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--json", type=pathlib.Path, help="write the figures to this file")
     parser.add_argument("--rounds", type=int, default=7, help="timed runs of each contender")
+    parser.add_argument(
+        "--quick", action="store_true", help="small sizes, one round: to see that it runs"
+    )
     return parser
+
+
+def median_ratio(times: Mapping[str, Sequence[float]], name: str, against: str) -> str:
+    """``ratio`` as text: median (minimum to maximum), or "absent" for a peer not installed."""
+    if name not in times or against not in times:
+        return "absent"
+    low, middle, high = ratio(times, name, against)
+    return f"{middle:.2f} ({low:.2f} to {high:.2f})"
 
 
 def write(path: pathlib.Path | None, name: str, results: object) -> None:
