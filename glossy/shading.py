@@ -31,7 +31,7 @@ import numpy.typing as npt
 
 from . import _check, methods, tiles
 from ._jit import Scalar, kernel, parallel_kernel
-from .brdf import Lobe, Material, k_schlick
+from .brdf import Lobe, Material, k_schlick, k_schlick_rest
 from .footprint import FOOTPRINTS, JACOBIAN, border_sines, k_level, k_lobe_area, k_texels
 from .frames import SurfacePoints
 from .pattern import Pattern, distribution, importance_pattern, pattern_for_budget
@@ -90,9 +90,10 @@ def k_tap(
     wo: tuple[Scalar, Scalar, Scalar],
     frame: tuple[Scalar, ...],
 ) -> tuple[bool, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar]:
-    """One sample: kept, wi in world coordinates, texels, level, weight without F, (1 - wo.wh)^5.
+    """One sample: kept, wi in world coordinates, texels, level, weight without F, Schlick's term.
 
-    ``wo`` is local; ``frame`` holds t, b, n in world coordinates.
+    ``wo`` is local; ``frame`` holds t, b, n in world coordinates. The last is (1 - wo.wh)^5 for a
+    reflection lobe, 1 - (1 - wo.wh)^5 for a transmission lobe.
     """
     wox, woy, woz = wo
     cos_h = wox * tap[0] + woy * tap[1] + woz * tap[2]
@@ -110,15 +111,18 @@ def k_tap(
     weight = tap[3] * iz
     if lobe[3] != ZERO:
         weight = weight / (iz * woz) ** lobe[3]
-    schlick = k_schlick(ix, iy, iz, wox, woy, woz, cos_h)
+    if lobe[4] > ZERO:
+        schlick = k_schlick(ix, iy, iz, wox, woy, woz, cos_h)
+    else:
+        schlick = k_schlick_rest(ix, iy, iz, wox, woy, woz, cos_h)
     return True, x, y, z, texels, k_level(texels, bias), weight, schlick
 
 
 @kernel
 def k_fresnel(r0: Scalar, schlick: Scalar, side: Scalar) -> Scalar:
-    """F for a reflection lobe (side +1), 1 - F for a transmission lobe (-1)."""
-    f = r0 + (ONE - r0) * schlick
-    return f if side > ZERO else ONE - f
+    """F for a reflection lobe (side +1), 1 - F for a transmission lobe (-1); see ``k_tap``."""
+    f = (ONE - r0) * schlick
+    return r0 + f if side > ZERO else f
 
 
 @kernel
@@ -253,7 +257,7 @@ def regular_table(
             p_h = float(np.mean(d if normalisation == "paper" else d * h[:, 2]))
         if footprint == "jacobian" and own.cell is None:
             raise _check.fail("pattern", "must have a cell for footprint 'jacobian'", own.cell)
-        cell = np.broadcast_to(np.asarray(own.cell or 0.0, dtype=np.float64), len(h))
+        cell = np.broadcast_to(np.float64(0.0) if own.cell is None else own.cell, len(h))
         xi = threshold if own.threshold is None else own.threshold
         rows.append((h, d / (len(h) * p_h), cell, border_sines(mx, my, xi)))
     return _table(material, pyramid, rows, footprint, bias, subtexel_bits)

@@ -330,6 +330,16 @@ def test_a_users_own_pattern_is_used_as_given() -> None:
     assert np.allclose(twice, 2.0 * once, rtol=1e-12)
 
 
+def test_a_pattern_may_have_a_cell_for_each_sample() -> None:
+    points, pyramid = random_points(6), glossy.build_pyramid(bright_cube())
+    lobe = LOBES["aniso"]
+    own = glossy.importance_pattern(lobe, samples=12)
+    assert np.shape(own.cell) == (12,)
+    got = glossy.shade(points, lobe, pyramid, pattern=own, footprint="jacobian")
+    assert np.all(np.isfinite(got))
+    assert np.all(got > 0.0)
+
+
 def test_fixed_point_sampler_changes_little_and_only_when_asked() -> None:
     points, pyramid = random_points(200), glossy.build_pyramid(smooth_cube(64))
     exact = glossy.shade(points, LOBES["iso"], pyramid)
