@@ -7,7 +7,7 @@ that its power is exactly ::
     L 2 pi (1 - cos(radius))                                                                    (1)
 
 at every size; a sun smaller than a texel keeps its energy. The smooth parts are averaged on a grid
-of at least 1024 samples along a face's edge, so that every size shows the same map.
+of at least 512 samples along a face's edge, so that every size shows the same map.
 """
 
 import dataclasses
@@ -24,7 +24,7 @@ from .layouts import area_resize
 
 NAMES = ("spots", "studio", "sky", "white", "axes")
 MAX_SIZE = 8192
-SAMPLES = 1024  # along a face's edge, at least
+SAMPLES = 512  # along a face's edge, at least
 LINES = 64  # across a texel that a disc covers in part
 
 Float32Array = npt.NDArray[np.float32]
