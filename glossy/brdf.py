@@ -57,6 +57,16 @@ def k_schlick(
 
 
 @kernel
+def k_schlick_rest(
+    wix: float, wiy: float, wiz: float, wox: float, woy: float, woz: float, u: float
+) -> float:
+    """1 - (1 - u)^5 with u = wo.h, which keeps its digits where u is small."""
+    dx, dy, dz = wix - wox, wiy - woy, wiz - woz
+    x = (dx * dx + dy * dy + dz * dz) / (FOUR * (ONE + u))
+    return u * (ONE + x * (ONE + x * (ONE + x * (ONE + x))))
+
+
+@kernel
 def k_lobe(
     wix: float, wiy: float, wiz: float, wox: float, woy: float, woz: float, lobe: FloatArray
 ) -> tuple[float, float]:
@@ -103,11 +113,14 @@ def k_bsdf(
         if z > ZERO:
             value, w = k_lobe(wix, wiy, z, wox, woy, woz, lobes[j])
             if value > ZERO:
-                e0 = r0[j, 0] + (ONE - r0[j, 0]) * w
-                e1 = r0[j, 1] + (ONE - r0[j, 1]) * w
-                e2 = r0[j, 2] + (ONE - r0[j, 2]) * w
+                e0, e1, e2 = ONE - r0[j, 0], ONE - r0[j, 1], ONE - r0[j, 2]
                 if lobes[j, 4] < ZERO:
-                    e0, e1, e2 = ONE - e0, ONE - e1, ONE - e2
+                    hx, hy, hz = wix + wox, wiy + woy, z + woz
+                    u = HALF * np.sqrt(hx * hx + hy * hy + hz * hz)
+                    rest = k_schlick_rest(wix, wiy, z, wox, woy, woz, u)
+                    e0, e1, e2 = e0 * rest, e1 * rest, e2 * rest
+                else:
+                    e0, e1, e2 = r0[j, 0] + e0 * w, r0[j, 1] + e1 * w, r0[j, 2] + e2 * w
                 f0 += value * ks[j, 0] * e0
                 f1 += value * ks[j, 1] * e1
                 f2 += value * ks[j, 2] * e2

@@ -14,7 +14,8 @@ Level: 0.5 log2(texels) from the exponent and, for the mantissa a in [1/sqrt 2, 
     ln a = 2 (z + z^3/3 + z^5/5 + z^7/7 + z^9/9 + ...),   z = (a - 1)/(a + 1), |z| < 0.172
 
 whose first omitted term is below 1e-9. The Fresnel term is linear in r0, so two sums serve all
-channels: F L = r0 (1 - s) L + s L with s = (1 - wo.wh)^5.
+channels: F L = r0 L + (1 - r0) s L with s = (1 - wo.wh)^5. A transmission lobe has 1 - s for s and
+leaves the first term out, which keeps the digits of 1 - F at grazing views.
 """
 
 import math
@@ -102,7 +103,7 @@ def _load_frames(s: Float32Array, start: Scalar, count: Scalar, vectors: Float32
 def _directions(
     s: Float32Array, tap: Float32Array, side: Scalar, alpha: Scalar, fresnel: Scalar
 ) -> None:
-    """Directions in world coordinates, weight without F (0 below the horizon), Schlick's power."""
+    """Directions in world coordinates, weight without F (0 below the horizon), Schlick's term."""
     hx, hy, hz, gain = tap[0], tap[1], tap[2], tap[3]
     for i in range(T):
         ox, oy, oz = s[OX + i], s[OY + i], s[OZ + i]
@@ -136,6 +137,12 @@ def _directions(
             dx, dy, dz = c * hx - s[OX + i], c * hy - s[OY + i], c * hz - s[OZ + i]
             x = (dx * dx + dy * dy + dz * dz) / (ONE + c)  # |wi - wo|^2 / (4 (1 + c))
             s[SCHLICK + i] = (x * x) * (x * x) * x
+        if side < ZERO:
+            for i in range(T):
+                c = s[COS + i]
+                dx, dy, dz = c * hx - s[OX + i], c * hy - s[OY + i], c * hz - s[OZ + i]
+                x = (dx * dx + dy * dy + dz * dz) / (ONE + c)
+                s[SCHLICK + i] = c * (ONE + x * (ONE + x * (ONE + x * (ONE + x))))
 
 
 @kernel
@@ -273,9 +280,9 @@ def shade_tiles(
                 for c in range(3):
                     a = s[PLAIN + 8 * i + c] + s[PLAIN + 8 * i + 4 + c]
                     b = s[FRESNEL + 8 * i + c] + s[FRESNEL + 8 * i + 4 + c]
-                    value = r0[j, c] * a + (ONE - r0[j, c]) * b
-                    if lobes[j, 4] < ZERO:
-                        value = a - value
+                    value = (ONE - r0[j, c]) * b
+                    if lobes[j, 4] > ZERO:
+                        value += r0[j, c] * a
                     out[p, c] += ks[j, c] * value
 
 
