@@ -16,7 +16,8 @@ Vectors are unit within 1e-3, half floats included, and renormalised.
 import os
 import pathlib
 import zipfile
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -33,15 +34,42 @@ VECTORS = {
     "tangent": ("tangent", "t", "tangents"),
 }
 AXES = (("x", "y", "z"), ("r", "g", "b"))
+NPZ_FAULTS = (
+    zipfile.BadZipFile,
+    zlib.error,
+    ValueError,
+    KeyError,
+    EOFError,
+    AttributeError,
+    RuntimeError,
+    OSError,
+)  # what NumPy and zipfile raise for damaged archives
 MASKS = ("mask", "mask.y", "mask.a", "a")
 
 
+def load_npz(path: pathlib.Path, names: Iterable[str]) -> dict[str, npt.NDArray[Any]]:
+    """Those of the named arrays that an npz file has.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be opened.
+    ValueError
+        If it is no npz file, or a damaged one.
+    """
+    with path.open("rb") as stream:
+        try:
+            with np.load(stream, allow_pickle=False) as data:
+                return {name: np.asarray(data[name]) for name in names if name in data}
+        except NPZ_FAULTS:
+            raise ValueError(f"{path}: not an npz file of number arrays") from None
+
+
 def _from_npz(path: pathlib.Path) -> Arrays:
+    found = load_npz(path, (*VECTORS, "mask"))
     try:
-        with np.load(path, allow_pickle=False) as data:
-            wanted = (*VECTORS, "mask")
-            return {name: np.asarray(data[name], np.float64) for name in wanted if name in data}
-    except (zipfile.BadZipFile, ValueError, EOFError, KeyError, AttributeError):
+        return {name: value.astype(np.float64) for name, value in found.items()}
+    except (ValueError, TypeError):
         raise ValueError(f"{path}: not an npz file of number arrays") from None
 
 

@@ -2,6 +2,10 @@
 
 import json
 import pathlib
+import signal
+import subprocess
+import sys
+import time
 from typing import Any
 
 import numpy as np
@@ -131,6 +135,18 @@ def test_trace_lists_every_tap(capsys: pytest.CaptureFixture[str]) -> None:
         (["study", "--samples", "7,x", "-o", "s"], "samples: must be whole numbers"),
         (["study", "--samples", "7,7", "-o", "s"], "samples: must be at least one, each once"),
         (["study", "--material", "kd=1", "-o", "s"], "material: must have a glossy lobe"),
+        (["study", "--samples", "0", "-o", "s"], "samples: must be at least 1"),
+        (["study", "--repeats", "0", "-o", "s"], "repeats: must be at least 1"),
+        (["study", "--reference-tolerance", "0", "-o", "s"], "reference tolerance: must be"),
+        (["study", "--filter", "sinc", "-o", "s"], "filter: must be one of"),
+        (["study", "--size", "12", "-o", "s"], "power of two"),
+        (["study", "--width", "1", "--shape", "plane", "-o", "s"], "less than two pixels"),
+        (["study", "--env", "nowhere", "-o", "s"], "environment: must be a file"),
+        (["render", "--material", "nowhere", "-o", "a.exr"], "material"),
+        (["trace", "--material", "mx=.2,colour=1", "--pixel", "1,1"], "colour"),
+        (["trace", "--pixel=-1,3"], "pixel: must be inside"),
+        (["trace", "--pixel", "0,0"], "pixel: must see the surface"),
+        (["reference", "--samples", "64", "-o", "absent/t.exr"], "--output: no folder"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(
@@ -146,7 +162,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert err.count("\n") == 1
     assert err.startswith(f"glossy {args[0]}: ")
     assert words in err
-    assert not list(tmp_path.rglob("*.exr"))
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_missing_output_is_the_parsers_error(capsys: pytest.CaptureFixture[str]) -> None:
@@ -173,3 +189,56 @@ def test_study_command(tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str
     code, _, err = run(capsys, *args)
     assert code == 2
     assert "--resume continues it" in err
+
+
+@pytest.mark.parametrize("command", ["render", "reference", "trace", "study"])
+def test_a_bad_scene_file_names_the_file_and_the_dotted_key(
+    command: str, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "s.toml"
+    rest = ["--pixel", "1,1"] if command == "trace" else ["-o", str(tmp_path / "o.exr")]
+    for text, words in (
+        ("[camera]\nfocus = 3\n", "camera.focus: unknown key"),
+        ("[environment]\nsource = 3\n", "source: must be a name or a path, got 3"),
+        ("[shape\n", ""),
+    ):
+        scene.write_text(text)
+        code, out, err = run(capsys, command, str(scene), *rest)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert err.startswith(f"glossy {command}: {scene}: {words}")
+    assert [p.name for p in tmp_path.iterdir()] == ["s.toml"]
+
+
+@pytest.mark.parametrize("command", ["render", "reference", "study"])
+def test_an_output_in_the_way_of_a_file_is_refused(
+    command: str, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("mine")
+    code, out, err = run(capsys, command, *SMALL, "-o", str(tmp_path / "file" / "o.exr"))
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_an_interrupted_study_is_one_line_and_keeps_its_cells(
+    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A real signal to a real process, once two cells are there; --resume then finishes."""
+    folder = tmp_path / "out"
+    args = [
+        "study", "--env", "studio", "--size", "16", "--width", "12", "--material", "mx=.2",
+        "--methods", "regular/paper,importance", "--samples", "7,14", "--repeats", "10",
+        "-o", str(folder),
+    ]  # fmt: skip
+    program = [sys.executable, "-m", "glossy.cli", *args]
+    with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        while process.poll() is None and len(list(folder.glob("cells/*.json"))) < 2:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=120)
+    assert (process.returncode, out, err) == (130, b"", b"glossy study: interrupted\n")
+    kept = {path: path.read_bytes() for path in folder.glob("cells/*")}
+    assert 2 <= len(kept) < 8
+    value = report(capsys, *args, "--resume")
+    assert len(value["cells"]) == 8
+    assert all(path.read_bytes() == content for path, content in kept.items())
+    assert sum(cell["session"] == 0 for cell in value["cells"]) == len(kept)

@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ..frames import SurfacePoints
+from ..pyramid import build_pyramid
 from .measure import Figures, Judge, Timing, best_bias, one_thread, timed
 from .settings import Case, MethodSpec, Plan, digest, machine, threshold_for
 from .store import Store
 
 if TYPE_CHECKING:
     from ..cubemap import CubeMap
-    from ..pyramid import Pyramid
 
 FloatArray = npt.NDArray[np.floating]
 BIAS_KINDS = ("zero", "best")
@@ -112,7 +112,8 @@ class Study:
     Raises
     ------
     ValueError
-        If the folder holds another study, or one that must not be overwritten.
+        If the folder holds another study, or one that must not be overwritten; for an unknown
+        filter, a size that is not a power of two, or a picture of less than two pixels.
     """
 
     def __init__(
@@ -130,6 +131,7 @@ class Study:
         self.points = points[self.seen]
         if self.seen.sum() < 2:
             raise ValueError("study: the picture shows less than two pixels of the surface")
+        self.pyramid = build_pyramid(cube, filter=plan.filter)  # refuses before anything is kept
         self.settings = {
             **plan.describe(),
             "environment": environment,
@@ -145,16 +147,6 @@ class Study:
         self.cells: list[Cell] = []
         stride = max(1, int(self.seen.sum()) // plan.subset)
         self.subset = np.arange(stride // 2, int(self.seen.sum()), stride)
-        self._pyramid: Pyramid | None = None
-
-    @property
-    def pyramid(self) -> "Pyramid":
-        """Built when the first measurement needs it."""
-        if self._pyramid is None:
-            from ..pyramid import build_pyramid
-
-            self._pyramid = build_pyramid(self.cube, filter=self.plan.filter)
-        return self._pyramid
 
     def _session(self) -> dict[str, Any]:
         return {**machine(), "command": self.command}

@@ -12,12 +12,12 @@ A study that is resumed takes the finished files as they are, so its numbers sta
 import json
 import os
 import pathlib
-import zipfile
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..gbuffer import load_npz
 from ..image_write import replacing
 
 MANIFEST = "study.lock.json"
@@ -123,9 +123,9 @@ class Store:
         if not path.exists():
             return None
         try:
-            with np.load(path, allow_pickle=False) as data:
-                return {name: data[name] for name in TRUTH}
-        except (zipfile.BadZipFile, ValueError, EOFError, KeyError):
+            found = load_npz(path, TRUTH)
+            return {name: found[name] for name in TRUTH}
+        except (ValueError, KeyError):
             raise ValueError(f"{path}: not a finished truth; delete it to redo it") from None
 
     def put_truth(self, key: str, arrays: dict[str, Any]) -> None:
