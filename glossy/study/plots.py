@@ -69,8 +69,10 @@ def speed_against_error(cells: Sequence["Cell"], path: pathlib.Path, subtitle: s
                 face = "white" if bias == "zero" else style["color"]
                 alpha = 0.65 if bias == "zero" else 1.0
                 panel.plot(x, y, line, linewidth=1.4, markerfacecolor=face, alpha=alpha, **style)
+        free = 0.0  # where the next number may stand without touching the one before
         for budget in table.budgets:
-            _count(panel, [c for c in cells if (c.case, c.budget) == (case, budget)], unit)
+            own = [c for c in cells if (c.case, c.budget) == (case, budget)]
+            free = _count(panel, own, unit, free)
         doubt = max(100.0 * c.truth_error / c.truth_level for c in cells if c.case == case)
         if doubt > 0.0:
             panel.axhline(doubt, color="#999999", linewidth=1.0)
@@ -109,16 +111,19 @@ def baseline_microseconds(cells: Sequence["Cell"]) -> float:
     return 1e6 * min(c.cpu_seconds / (max(c.cpu_ratio, 1e-9) * c.pixels) for c in cells)
 
 
-def _count(panel: Any, cells: Sequence["Cell"], unit: float) -> None:
-    """The samples of one budget, below the lowest of its markers and in the middle of them."""
+def _count(panel: Any, cells: Sequence["Cell"], unit: float, free: float) -> float:
+    """The samples of one budget below the lowest of its markers, if there is room from ``free``."""
     shown = [c for c in cells if c.relative_rms > 0.0 and c.bias_kind == "best"]
     if not shown:
-        return
+        return free
     x = unit * float(np.exp(np.mean([np.log(c.cpu_ratio) for c in shown])))
+    if x < free:
+        return free
     y = 100.0 * min(c.relative_rms for c in shown)
     style: dict[str, Any] = {"ha": "center", "fontsize": 8.5, "color": "#333333"}
     text = f"n={shown[0].samples}"
     panel.annotate(text, (x, y), (0, -17), textcoords="offset points", **style)
+    return 1.35 * x
 
 
 def _grid(values: FloatArray, seen: npt.NDArray[np.bool_], background: float) -> FloatArray:
