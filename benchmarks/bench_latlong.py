@@ -86,10 +86,10 @@ def main() -> None:
     parser = common.arguments(__doc__)
     parser.add_argument("--height", type=int, default=2048)
     parser.add_argument("--size", type=int, default=1024)
-    parser.add_argument("--threads", type=int, default=numba.config.NUMBA_NUM_THREADS)
+    parser.add_argument("--threads", type=int, default=1)
     args = parser.parse_args()
     if args.quick:
-        args.height, args.size, args.rounds, args.threads = 64, 32, 1, 1
+        args.height, args.size, args.rounds = 64, 32, 1
     numba.set_num_threads(args.threads)
     picture = picture_of(args.height)
     made: dict[str, Any] = {}

@@ -39,6 +39,7 @@ Float32Array = npt.NDArray[np.float32]
 Int64Array = npt.NDArray[np.int64]
 
 TEXEL = 4  # floats: RGB and a fourth
+SERIAL = 64  # levels up to this size are not worth waking other threads for
 ZERO = np.float32(0.0)
 THREE, FIVE, TEN = np.float32(3.0), np.float32(5.0), np.float32(10.0)
 HALF, QUARTER = np.float32(0.5), np.float32(0.25)
@@ -84,6 +85,18 @@ def _halve_small(fine: Float32Array, coarse: Float32Array, weights: Any, face: S
 
 
 @kernel
+def _halve_block(fine: Float32Array, coarse: Float32Array, weights: Any, block: Scalar) -> None:
+    """The ``block``-th group of ``OUTPUT_ROWS`` rows of a level, counted through the faces."""
+    n, width, across = coarse.shape[1] - 2 * PAD, fine.shape[1] * TEXEL, coarse.shape[1] * TEXEL
+    face, row = OUTPUT_ROWS * block // n, OUTPUT_ROWS * block % n
+    top = face * fine.shape[1] + 2 * row + PAD + 1 - len(weights)
+    begin = (face * coarse.shape[1] + row + PAD) * across + PAD * TEXEL
+    source, target = fine.reshape(-1), coarse.reshape(-1)
+    start = top * width + PAD * TEXEL
+    halve_rows(source, start, width, weights, target, begin, across, n // 4)
+
+
+@kernel
 def k_level(buffer: Float32Array, chain: Int64Array, level: Scalar) -> Float32Array:
     """A level of the flat buffer, (6, n + 2 PAD, n + 2 PAD, TEXEL)."""
     size = chain[level, 1] + 2 * PAD
@@ -96,22 +109,19 @@ def _reduce(
     buffer: Float32Array, chain: Int64Array, weights: Any, table: Int64Array, first: int, last: int
 ) -> None:
     """Levels ``first`` to ``last``, each from the one before, with their rings."""
-    half = len(weights)
     for level in range(first, last + 1):
         fine, coarse = k_level(buffer, chain, level - 1), k_level(buffer, chain, level)
-        n, width = coarse.shape[1] - 2 * PAD, fine.shape[1] * TEXEL
-        source, target = fine.reshape(-1), coarse.reshape(-1)
+        n = coarse.shape[1] - 2 * PAD
+        blocks = 6 * n // OUTPUT_ROWS
         if n < OUTPUT_ROWS:
             for face in range(6):
                 _halve_small(fine, coarse, weights, face)
-            k_fill_seams(coarse, table)
-            continue
-        for i in numba.prange(6 * n // OUTPUT_ROWS):
-            face, row = OUTPUT_ROWS * i // n, OUTPUT_ROWS * i % n
-            start = (face * fine.shape[1] + 2 * row + PAD + 1 - half) * width + PAD * TEXEL
-            begin = ((face * coarse.shape[1] + row + PAD) * coarse.shape[1] + PAD) * TEXEL
-            across = coarse.shape[1] * TEXEL
-            halve_rows(source, start, width, weights, target, begin, across, n // 4)
+        elif n <= SERIAL:
+            for i in range(blocks):
+                _halve_block(fine, coarse, weights, i)
+        else:
+            for i in numba.prange(blocks):
+                _halve_block(fine, coarse, weights, i)
         k_fill_seams(coarse, table)
 
 
