@@ -13,7 +13,16 @@ from collections.abc import Sequence
 
 from ._version import __version__
 
-COMMANDS = ("render", "reference", "compare", "study", "trace", "pattern", "environment")
+COMMANDS = (
+    "render",
+    "reference",
+    "compare",
+    "study",
+    "trace",
+    "pattern",
+    "environment",
+    "stability",
+)
 BAD_INPUT = 2
 
 

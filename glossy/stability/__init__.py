@@ -1,0 +1,1 @@
+"""Hard cases as data, what is measured for each, and the report of ``glossy stability``."""
