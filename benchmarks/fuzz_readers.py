@@ -79,14 +79,14 @@ def seeds(folder: pathlib.Path) -> list[tuple[Reader, pathlib.Path]]:
     import OpenImageIO as oiio  # noqa: N813
 
     for path in images[3:]:
-        out = oiio.ImageOutput.create(str(path))
+        out: Any = oiio.ImageOutput.create(str(path))
         out.open(str(path), oiio.ImageSpec(12, 6, 3, "float"))
         out.write_image(pixels)
         out.close()
     half = folder / "half.exr"
     write_exr(half, {"R": pixels[..., 0], "G": pixels[..., 1], "B": pixels[..., 2]})
-    up = np.zeros((3, 4, 3)) + [0.0, 0.0, 1.0]
-    points = SurfacePoints(up, np.zeros((3, 4, 3)) + [1.0, 0, 0], up, np.eye(3, 4) > 0.0)
+    up, side = (np.full((3, 4, 3), v) for v in ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
+    points = SurfacePoints(up, side, up, np.eye(3, 4) > 0.0)
     found: list[tuple[Reader, pathlib.Path]] = []
     for path in (*images, half):
         found += [(_planes, path), (_environment, path)]

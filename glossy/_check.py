@@ -26,6 +26,12 @@ def fail(name: str, rule: str, value: object) -> ValueError:
     return ValueError(f"{name}: {rule}, got {text if len(text) <= 80 else text[:77] + '...'}")
 
 
+def shortened(text: str, limit: int = 300) -> str:
+    """One line of at most ``limit`` characters: messages that quote a damaged file have no end."""
+    line = " ".join(text.split())
+    return line if len(line) <= limit else line[: limit - 3] + "..."
+
+
 def array(name: str, value: npt.ArrayLike, dtype: type = np.float64) -> npt.NDArray[np.floating]:
     """Anything NumPy converts to real numbers, as a C-ordered array of ``dtype``."""
     try:

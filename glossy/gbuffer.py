@@ -43,7 +43,8 @@ NPZ_FAULTS = (
     AttributeError,
     RuntimeError,
     OSError,
-)  # what NumPy and zipfile raise for damaged archives
+    MemoryError,
+)  # what NumPy and zipfile raise for damaged archives, and for sizes that only a header claims
 MASKS = ("mask", "mask.y", "mask.a", "a")
 
 

@@ -159,7 +159,7 @@ def read_planes(path: Path, encoding: str | None = None, max_pixels: int = MAX_P
             text = str(error)
             if "Unable to open" in text:  # which is no news: it exists and was opened above
                 text = "damaged or truncated header"
-            reason = " ".join((said(name) or text or type(error).__name__).split())
+            reason = _check.shortened(said(name) or text or type(error).__name__)
             raise ImageError(f"{name}: cannot be read: {reason}") from None
 
 

@@ -237,5 +237,5 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     with file.open("rb") as stream:
         try:
             return _parse(tomllib.load(stream), file.parent)
-        except (ValueError, TypeError) as error:
-            raise ValueError(f"{file}: {error}") from None
+        except (ValueError, TypeError, RecursionError) as error:
+            raise ValueError(f"{file}: {_check.shortened(str(error))}") from None
