@@ -350,10 +350,10 @@ def test_json_fields(folders: pathlib.Path, capsys: pytest.CaptureFixture[str]) 
     library = list(glossy.compare(TEST, REFERENCE).to_dict())
     extra = ["a", "reference", "within_limits", "failures"]
     single = figures(capsys, "a.exr", "b.exr", "--min-psnr", "10")
-    assert list(single) == [*library, *extra, "limits"]
+    assert list(single) == ["schema", "command", *library[1:], *extra, "limits"]
     assert single["limits"] == {"max_rms": None, "max_relative_rms": None, "min_psnr": 10.0}
     several = figures(capsys, "x", "y")
-    assert list(several) == ["schema", "files", "within_limits", "limits"]
+    assert list(several) == ["schema", "command", "files", "within_limits", "limits"]
     assert set(several["files"][0]) == {*library, *extra, "name"} - {"schema"}
 
 

@@ -296,12 +296,13 @@ def _as_dict(results: list[Any], folder: bool, limits: dict[str, Any]) -> dict[s
         for _, paths, comparison, failures in results
     ]
     if not folder:
-        return {**rows[0], "limits": limits}
+        return {"schema": 1, "command": "compare", **rows[0], "limits": limits}
     for row, result in zip(rows, results, strict=True):
         row["name"] = result[0]
         del row["schema"]
     within = all(row["within_limits"] for row in rows)
-    return {"schema": 1, "files": rows, "within_limits": within, "limits": limits}
+    record = {"schema": 1, "command": "compare", "files": rows}
+    return {**record, "within_limits": within, "limits": limits}
 
 
 def _print_figures(paths: list[str], c: "Comparison") -> None:

@@ -75,7 +75,14 @@ def run(args: argparse.Namespace) -> int:
     else:
         cube, report = _read(args)
     after = cube.power().tolist()
-    report = {"schema": 1, "input": args.input, **report, "size": cube.size, "power": after}
+    report = {
+        "schema": 1,
+        "command": "environment",
+        "input": args.input,
+        **report,
+        "size": cube.size,
+        "power": after,
+    }
     report["output_layout"] = args.layout
     report["files"] = _write(cube, args)
     if args.json:
