@@ -8,6 +8,7 @@ time in every case. CPU time of all threads, and elapsed time.
 """
 
 import contextlib
+import importlib
 import io
 import pathlib
 import statistics
@@ -57,9 +58,8 @@ def readers(paths: list[str]) -> dict[str, Callable[[], object]]:
     except ImportError:
         pass
     try:
-        import OpenImageIO
-
-        found["read, OpenImageIO"] = both(lambda p: OpenImageIO.ImageInput.open(p).read_image())
+        oiio: Any = importlib.import_module("OpenImageIO")
+        found["read, OpenImageIO"] = both(lambda p: oiio.ImageInput.open(p).read_image())
     except ImportError:
         pass
     return found

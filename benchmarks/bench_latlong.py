@@ -54,7 +54,7 @@ def point_sampled(picture: Array, size: int, linear: bool) -> Array:
                 u += width
             if linear:
                 u, v = u - np.float32(0.5), v - np.float32(0.5)
-                j, k = int(math.floor(u)), int(math.floor(v))
+                j, k = math.floor(u), math.floor(v)
                 a, b = u - np.float32(j), v - np.float32(k)
                 j0, j1 = j % width, (j + 1) % width
                 k0, k1 = max(k, 0), min(k + 1, height - 1)
@@ -78,7 +78,8 @@ def picture_of(height: int) -> Array:
     out *= np.random.default_rng(0).uniform(0.5, 1.5, out.shape)
     middle = np.hypot(theta[:, None] - 0.9, (phi[None, :] - 2.0) * math.sin(0.9))
     out[middle < np.radians(0.25)] += 5e4
-    return out.astype(np.float32)
+    picture: Array = out.astype(np.float32)
+    return picture
 
 
 def main() -> None:
