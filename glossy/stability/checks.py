@@ -27,6 +27,7 @@ FloatArray = npt.NDArray[np.floating]
 Float64Array = npt.NDArray[np.float64]
 
 WORK = 100_000  # evaluations of the truth per point, 1/20 of the default
+LARGE = 4096  # texels along an edge of the largest map
 ROUNDED = 1e-5  # room of the energy bound for float32
 EVAL_DOUBLE = 1e-9  # of f, relative
 EVAL_NEAR = (
@@ -186,8 +187,8 @@ def check_lookup(sizes: tuple[int, ...] = (1, 2, 3, 64)) -> Iterator[Result]:
             yield judge("lookup", f"N = {size}, level {level:g}", measured, limits, facts)
 
 
-def check_large(size: int = 4096) -> Result:
-    """Hot texels in a map of 4096, one channel: each is found where it is."""
+def check_large(size: int) -> Result:
+    """Hot texels in a large map of one channel: each is found where it is."""
     rng = np.random.default_rng(2)
     face, row, col = rng.integers(0, [6, size, size], (64, 3)).T
     faces = np.zeros((6, size, size, 1), dtype=np.float32)
@@ -294,7 +295,7 @@ def run(progress: Callable[[Any], Any] = iter) -> tuple[list[Result], list[dict[
     results = [check_shade(case) for case in progress(cases.SHADE)]
     for part in (check_eval, check_lookup, check_truth, refusals):
         results += list(part())
-    results.append(check_large())
+    results.append(check_large(LARGE))
     rows = furnace()
     results += list(check_furnace(rows))
     return results, rows
