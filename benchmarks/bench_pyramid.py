@@ -93,7 +93,9 @@ def main() -> None:
                 [str(size), filter, f"{middle[filter]:.2f}", "" if paper is None else f"{paper:g}",
                  common.median_ratio(times, filter, "copy"), peer or "", against]
             )  # fmt: skip
-        around.append([str(size), *(f"{middle[k]:.2f}" for k in ("copy", "check", "pack", "update"))])
+        around.append(
+            [str(size), *(f"{middle[k]:.2f}" for k in ("copy", "check", "pack", "update"))]
+        )
         results.append({"size": size, "seconds": times})
     header = ["N", "filter", "CPU ms", "paper, GPU ms", "over a copy", "OpenCV", "over OpenCV"]
     print(common.table(header, rows))

@@ -100,19 +100,31 @@ def _load_frames(s: Float32Array, start: Scalar, count: Scalar, vectors: Float32
 
 
 @kernel
+def _weights(s: Float32Array, tap: Float32Array) -> bool:
+    """Weight without F and alpha, 0 below the horizon; False if that is so for the whole tile."""
+    hx, hy, hz, gain = tap[0], tap[1], tap[2], tap[3]
+    found = np.int32(0)
+    for i in range(T):
+        oz = s[OZ + i]
+        c = s[OX + i] * hx + s[OY + i] * hy + oz * hz
+        iz = TWO * c * hz - oz
+        kept = (c > ZERO) & (iz > ZERO) & (oz > ZERO)
+        weight = gain * iz if kept else ZERO
+        s[GAIN + i] = weight
+        s[COS + i] = c
+        found = np.int32(found | bits(weight))
+    return bool(found != 0)
+
+
+@kernel
 def _directions(
     s: Float32Array, tap: Float32Array, side: Scalar, alpha: Scalar, fresnel: Scalar
 ) -> None:
-    """Directions in world coordinates, weight without F (0 below the horizon), Schlick's term."""
-    hx, hy, hz, gain = tap[0], tap[1], tap[2], tap[3]
+    """Directions in world coordinates, weight without F, Schlick's term."""
+    hx, hy, hz = tap[0], tap[1], tap[2]
     for i in range(T):
-        ox, oy, oz = s[OX + i], s[OY + i], s[OZ + i]
-        c = ox * hx + oy * hy + oz * hz
-        c2 = TWO * c
-        ix, iy, iz = c2 * hx - ox, c2 * hy - oy, c2 * hz - oz
-        kept = (c > ZERO) & (iz > ZERO) & (oz > ZERO)
-        s[GAIN + i] = gain * iz if kept else ZERO
-        s[COS + i] = c
+        c2 = TWO * s[COS + i]
+        ix, iy, iz = c2 * hx - s[OX + i], c2 * hy - s[OY + i], c2 * hz - s[OZ + i]
         up = iz * side
         s[WX + i] = s[TX + i] * ix + s[BX + i] * iy + s[NX + i] * up
         s[WY + i] = s[TY + i] * ix + s[BY + i] * iy + s[NY + i] * up
@@ -269,6 +281,8 @@ def shade_tiles(
                     wo = (s[OX + i], s[OY + i], s[OZ + i])
                     s[AREA + i] = k_lobe_area(borders[j, 0], borders[j, 1], wo, pi)
             for k in range(first[j], first[j + 1]):
+                if not _weights(s, taps[k]):
+                    continue
                 _directions(s, taps[k], lobes[j, 4], lobes[j, 3], fresnel)
                 _faces(s)
                 _levels(s, footprint, taps[k, 4], bias, top)
