@@ -54,6 +54,8 @@ def main() -> None:
     parser.add_argument("--side", type=int, default=128)
     parser.add_argument("--size", type=int, default=256)
     args = parser.parse_args()
+    if args.quick:
+        args.side, args.size = 4, 16
     rows = measure(args.side, args.size)
     body: list[list[object]] = []
     for parameters in LOBES:
