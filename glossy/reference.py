@@ -85,10 +85,11 @@ def reference(
     points : SurfacePoints
         Of any shape. Masked points cost nothing and come out 0.
     material : Material, Lobe, or anything with ``eval``, ``sample`` and ``pdf``
-        Called as ``eval(wi, wo)``, ``sample(xi, wo)``, ``pdf(wi, wo)``. The methods take and return NumPy arrays: directions (..., 3) in the frame (t, b, n),
-        uniform numbers (..., 2), BSDF (...) or (..., 3) without the cosine, density per solid
-        angle over the whole sphere. For such a material ``texels`` is some hundred times slower
-        than for a ``Material``, and its bound is an estimate.
+        Called as ``eval(wi, wo)``, ``sample(xi, wo)``, ``pdf(wi, wo)`` with NumPy arrays:
+        directions (..., 3) in the frame (t, b, n), uniform numbers (..., 2); BSDF (...) or
+        (..., 3) without the cosine, density per solid angle over the whole sphere. For such a
+        material ``texels`` is some hundred times slower than for a ``Material``, and its bound is
+        an estimate.
     cube : CubeMap
         Finite; its quadrature weights are kept with it after the first call.
     estimator : "texels", "mc" or "qmc"

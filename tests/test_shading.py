@@ -334,7 +334,7 @@ def test_a_pattern_may_have_a_cell_for_each_sample() -> None:
     points, pyramid = random_points(6), glossy.build_pyramid(bright_cube())
     lobe = LOBES["aniso"]
     own = glossy.importance_pattern(lobe, samples=12)
-    assert np.shape(own.cell) == (12,)
+    assert np.asarray(own.cell).shape == (12,)
     got = glossy.shade(points, lobe, pyramid, pattern=own, footprint="jacobian")
     assert np.all(np.isfinite(got))
     assert np.all(got > 0.0)
