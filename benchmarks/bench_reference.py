@@ -169,7 +169,7 @@ def main() -> None:
     parser.set_defaults(rounds=3)
     parser.add_argument("--size", type=int, default=256, help="of a cube face, rows of the picture")
     parser.add_argument("--pixels", type=int, default=128)
-    parser.add_argument("--counts", type=int, nargs="+", default=[64, 256, 1024, 2048])
+    parser.add_argument("--counts", type=int, nargs="+", default=[64, 256, 1024, 2070])
     parser.add_argument("--check", type=int, default=65536, help="samples a point of the check")
     args = parser.parse_args()
     if args.quick:

@@ -2,7 +2,7 @@
 
     python benchmarks/bench_work.py --json work.json --plot work.png
 
-CPU time of one thread with everything compiled and prepared, the least of several rounds: of
+CPU time of one thread with everything compiled and prepared, the least of several turns: of
 samples a pixel, pixels, size of the map, lobes. Elapsed time for the number of threads. Then what
 should be free: a lobe with ks = 0, pixels behind the mask, samples below the horizon. Memory is the
 largest the process ever had, of a process that makes a map of 4096 a face and a frame of
@@ -10,6 +10,7 @@ largest the process ever had, of a process that makes a map of 4096 a face and a
 """
 
 import argparse
+import functools
 import json
 import math
 import os
@@ -39,16 +40,12 @@ def sphere_points(width: int, height: int, mask: Any = None) -> Any:
 
 
 def least(
-    run: Callable[[], object], rounds: int, clock: Callable[[], float] = time.process_time
-) -> float:
-    """Least seconds of ``rounds``, after a run that does not count."""
-    run()
-    best = math.inf
-    for _ in range(rounds):
-        start = clock()
-        run()
-        best = min(best, clock() - start)
-    return best
+    frames: dict[Any, Callable[[], object]],
+    rounds: int,
+    clock: Callable[[], float] = time.process_time,
+) -> dict[Any, float]:
+    """Least seconds of each, taking turns."""
+    return {k: min(v) for k, v in common.interleaved(frames, rounds, clock).items()}
 
 
 class Work:
@@ -61,6 +58,7 @@ class Work:
         self.lobe = glossy.Lobe(mx=0.15)
         self.points = sphere_points(pixels, pixels)
         self.pyramid = self.map_of(size)
+        self.count = len(glossy.pattern_for_budget(self.lobe, samples=20))
 
     def map_of(self, size: int) -> Any:
         """Pyramid of noise: the texels do not matter, where they are does."""
@@ -68,112 +66,95 @@ class Work:
         faces = rng.random((6, size, size, 3), dtype=np.float32)
         return self.glossy.build_pyramid(self.glossy.CubeMap(faces))
 
-    def seconds(
+    def frame(
         self, lobes: Any = None, points: Any = None, pyramid: Any = None, **options: Any
-    ) -> float:
-        """CPU time of one frame."""
+    ) -> Callable[[], object]:
+        """What draws one frame."""
         material = self.glossy.Material(reflection=[self.lobe] if lobes is None else lobes)
-        used = self.points if points is None else points
-        options = {"samples": 20, **options}
-        return least(
-            lambda: self.glossy.shade(used, material, pyramid or self.pyramid, **options),
-            self.rounds,
-        )
+        used = (points or self.points, material, pyramid or self.pyramid)
+        return functools.partial(self.glossy.shade, *used, **{"samples": 20, **options})
 
     def samples(self, counts: list[int]) -> list[Row]:
         """Time against the samples a pixel."""
-        rows = []
-        for count in counts:
-            pattern = self.glossy.pattern_for_budget(self.lobe, samples=count)
-            seconds = self.seconds(pattern=pattern)
-            each = seconds / (self.pixels**2 * len(pattern))
-            rows.append({"x": len(pattern), "seconds": seconds, "ns_per_sample": each * 1e9})
-        return rows
+        patterns = [self.glossy.pattern_for_budget(self.lobe, samples=n) for n in counts]
+        times = least({len(p): self.frame(pattern=p) for p in patterns}, self.rounds)
+        return [{"x": n, "seconds": t, "work": self.pixels**2 * n} for n, t in times.items()]
 
     def frames(self, sizes: list[tuple[int, int]]) -> list[Row]:
         """Time against the pixels."""
-        n = len(self.glossy.pattern_for_budget(self.lobe, samples=20))
-        rows = []
-        for width, height in sizes:
-            seconds = self.seconds(points=sphere_points(width, height))
-            each = seconds / (width * height * n)
-            rows.append({"x": width * height, "seconds": seconds, "ns_per_sample": each * 1e9})
-        return rows
+        times = least({s: self.frame(points=sphere_points(*s)) for s in sizes}, self.rounds)
+        return [
+            {"x": w * h, "seconds": t, "work": w * h * self.count} for (w, h), t in times.items()
+        ]
 
     def maps(self, sizes: list[int]) -> list[Row]:
         """Time against the size of the map, for a wide lobe and for a narrow one."""
-        rows: list[Row] = []
+        cases = {}
         narrow = self.glossy.Lobe(mx=0.02)
         for size in sizes:
             pyramid = self.map_of(size)
-            rows.append(
-                {
-                    "x": size,
-                    "seconds": self.seconds(pyramid=pyramid),
-                    "seconds_narrow": self.seconds([narrow], pyramid=pyramid),
-                }
-            )
-        return rows
+            cases[size, "seconds"] = self.frame(pyramid=pyramid)
+            cases[size, "seconds_narrow"] = self.frame([narrow], pyramid=pyramid)
+        times = least(cases, self.rounds)
+        return [{"x": n, **{k: t for (m, k), t in times.items() if m == n}} for n in sizes]
 
     def lobes(self, most: int) -> list[Row]:
         """Time of 1 to ``most`` lobes together, and the sum of their times alone."""
         every = [self.glossy.Lobe(mx=m, ks=0.2) for m in (0.15, 0.08, 0.3, 0.2)[:most]]
-        alone = [self.seconds([lobe]) for lobe in every]
-        return [
-            {"x": k, "seconds": self.seconds(every[:k]), "sum_alone": sum(alone[:k])}
-            for k in range(1, most + 1)
-        ]
+        counts = range(1, most + 1)
+        cases: dict[Any, Callable[[], object]] = {k: self.frame(every[:k]) for k in counts}
+        cases |= {("alone", k): self.frame([every[k - 1]]) for k in counts}
+        times = least(cases, self.rounds)
+        alone = np.cumsum([times["alone", k] for k in counts])
+        return [{"x": k, "seconds": times[k], "sum_alone": float(alone[k - 1])} for k in counts]
 
     def threads(self, most: int) -> list[Row]:
         """Elapsed and CPU time against the threads."""
         import numba
 
-        material = self.glossy.Material(reflection=[self.lobe])
-        rows = []
-        for count in range(1, most + 1):
+        frame = self.frame(samples=100)
+
+        def run(count: int) -> None:
             numba.set_num_threads(count)
+            frame()
 
-            def run() -> None:
-                self.glossy.shade(self.points, material, self.pyramid, samples=100)
-
-            elapsed = least(run, self.rounds, time.perf_counter)
-            rows.append({"x": count, "seconds": elapsed, "cpu_seconds": least(run, self.rounds)})
+        cases: dict[Any, Callable[[], object]] = {
+            k: functools.partial(run, k) for k in range(1, most + 1)
+        }
+        elapsed, cpu = least(cases, self.rounds, time.perf_counter), least(cases, self.rounds)
         numba.set_num_threads(1)
-        return rows
+        return [{"x": k, "seconds": elapsed[k], "cpu_seconds": cpu[k]} for k in cases]
 
     def free(self) -> list[Row]:
-        """What should cost nothing, over the time of the frame without it."""
-        plain = self.seconds()
-        rows: list[Row] = [
-            {
-                "case": "a second lobe with ks = 0",
-                "over": self.seconds([self.lobe, self.glossy.Lobe(mx=0.2, ks=0.0)]) / plain,
-                "nothing": 1.0,
-            }
-        ]
+        """What should cost nothing: time over that of the frame without it, and if it were free."""
+        everywhere = (self.pixels, self.pixels)
+        cases = {
+            "frame": self.frame(),
+            "a second lobe with ks = 0": self.frame([self.lobe, self.glossy.Lobe(mx=0.2, ks=0.0)]),
+        }
+        ideal = {"a second lobe with ks = 0": ("frame", 1.0)}
         side = np.arange(self.pixels) / self.pixels
         for share in (0.5, 0.9):
-            mask = np.broadcast_to(side >= share, (self.pixels, self.pixels))
-            points = sphere_points(self.pixels, self.pixels, mask)
-            rows.append(
-                {
-                    "case": f"{share:.0%} of the pixels masked",
-                    "over": self.seconds(points=points) / plain,
-                    "nothing": 1.0 - share,
-                }
+            name = f"{share:.0%} of the pixels masked"
+            points = sphere_points(*everywhere, np.broadcast_to(side >= share, everywhere))
+            cases[name], ideal[name] = self.frame(points=points), ("frame", 1.0 - share)
+        up = np.broadcast_to([0.0, 0.0, 1.0], (*everywhere, 3))
+        for degrees in (0, 80, 87):
+            theta = math.radians(degrees)
+            view = np.array([math.sin(theta), 0.0, math.cos(theta)])
+            points = self.glossy.SurfacePoints(
+                up, np.broadcast_to([1.0, 0.0, 0.0], up.shape), np.broadcast_to(view, up.shape)
             )
-        steep = math.radians(87.0)
-        up = np.broadcast_to([0.0, 0.0, 1.0], (self.pixels, self.pixels, 3))
-        tangent = np.broadcast_to([1.0, 0.0, 0.0], up.shape)
-        for name, theta in (("normal view", 0.0), ("view at 87 degrees", steep)):
-            view = np.broadcast_to([math.sin(theta), 0.0, math.cos(theta)], up.shape)
-            points = self.glossy.SurfacePoints(up, tangent, view)
-            kept = self._kept(view[0, 0])
-            seconds = self.seconds(points=points)
-            rows.append({"case": name, "over": seconds / rows[-1]["one"] if theta else 1.0,
-                         "nothing": kept, "one": seconds})  # fmt: skip
-        rows[-1]["case"] += f", {1.0 - rows[-1]['nothing']:.0%} of the samples below the horizon"
-        return rows
+            kept = self._kept(view)
+            name = f"{1.0 - kept:.0%} of the samples below the horizon" if degrees else "plane"
+            cases[name] = self.frame(points=points)
+            if degrees:
+                ideal[name] = ("plane", kept)
+        times = least(cases, self.rounds)
+        return [
+            {"case": name, "over": times[name] / times[against], "nothing": share}
+            for name, (against, share) in ideal.items()
+        ]
 
     def _kept(self, view: Any) -> float:
         """Share of the pattern's samples that are above the horizon."""
@@ -192,7 +173,7 @@ def memory_worker(size: int, width: int, height: int) -> list[Row]:
     """Peaks of a process that makes the map, the pyramid, the points and the frame."""
     import glossy
 
-    rows = [{"stage": "import", "gigabytes": peak()}]
+    rows: list[Row] = [{"stage": "start", "gigabytes": peak()}]
 
     def note(stage: str, data: float) -> None:
         rows.append({"stage": stage, "gigabytes": peak(), "data": data / 1e9})
@@ -256,16 +237,13 @@ def plot(path: pathlib.Path, results: dict[str, list[Row]]) -> None:
     ax = axes[5]
     rows = results["free"]
     at = np.arange(len(rows))
-    ax.barh(at + 0.2, [r["over"] for r in rows], 0.4, color="C0", label="measured")
-    ax.barh(at - 0.2, [r["nothing"] for r in rows], 0.4, color="0.7", label="if it were free")
-    ax.set_yticks(
-        at,
-        [r["case"].replace(", ", ",\n").replace(" of the ", "\nof the ") for r in rows],
-        fontsize=7,
-    )
+    ax.barh(at - 0.2, [r["over"] for r in rows], 0.4, color="C0", label="measured")
+    ax.barh(at + 0.2, [r["nothing"] for r in rows], 0.4, color="0.7", label="if it were free")
+    labels = [r["case"].replace(" with", "\nwith").replace(" of the ", " of the\n") for r in rows]
+    ax.set_yticks(at, labels, fontsize=7)
     ax.invert_yaxis()
-    ax.set_xlabel("time over that of the frame without it")
-    ax.legend(fontsize=8, frameon=False)
+    ax.set_xlabel("time / time without it")
+    ax.legend(fontsize=8, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     path.parent.mkdir(parents=True, exist_ok=True)
     canvas.print_figure(path)
 
@@ -274,7 +252,7 @@ def show(results: dict[str, list[Row]], memory: list[Row]) -> None:
     """Tables of everything."""
     for name, label in (("samples", "samples a pixel"), ("frames", "pixels")):
         body = [
-            [r["x"], f"{r['seconds'] * 1e3:.2f}", f"{r['ns_per_sample']:.1f}"]
+            [r["x"], f"{r['seconds'] * 1e3:.2f}", f"{r['seconds'] / r['work'] * 1e9:.1f}"]
             for r in results[name]
         ]
         print(common.table([label, "CPU ms", "ns a sample"], body), end="\n\n")
@@ -331,6 +309,7 @@ def main() -> None:
     parser = common.arguments(__doc__)
     parser.add_argument("--plot", type=pathlib.Path, help="draw the diagrams into this PNG")
     parser.add_argument("--memory-worker", type=int, nargs=3, help=argparse.SUPPRESS)
+    parser.set_defaults(rounds=25)
     args = parser.parse_args()
     if args.memory_worker:
         print(json.dumps(memory_worker(*args.memory_worker)))

@@ -28,6 +28,7 @@ def load() -> tuple[Any, Any]:
     if "llvm_ad_rgb" not in mi.variants():
         raise ImportError("mitsuba has no variant llvm_ad_rgb")
     mi.set_variant("llvm_ad_rgb")
+    mi.set_log_level(mi.LogLevel.Error)  # not that sample counts are rounded up
     return mi, importlib.import_module("drjit")
 
 
