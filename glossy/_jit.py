@@ -1,8 +1,9 @@
 """Compile options and the compile cache: the only module that decorates kernels.
 
 Kernels compile lazily, on the first call with a precision, and are kept on disk in a folder
-named by a digest of the package's sources: Numba's own check looks at one file, so an edited
-callee in another file would leave its callers stale.
+named by a digest of the sources that the kernel's module leads to, its own and every module of the
+package it imports, directly or not: Numba's own check looks at one file, so an edited callee in
+another file would leave its callers stale.
 
 ``kernel`` compiles a function that other kernels call, or a serial loop; ``parallel_kernel``
 one whose outer loop is a ``prange`` over pixels. A serial and a parallel build of one function
@@ -16,6 +17,7 @@ import functools
 import hashlib
 import os
 import pathlib
+import re
 import tempfile
 from collections.abc import Callable
 from typing import Any, TypeAlias, TypeVar, cast
@@ -29,17 +31,42 @@ Scalar: TypeAlias = Any
 """A number inside a kernel: float32 or float64 (or an index), as the kernel is compiled for."""
 
 
+_PACKAGE = pathlib.Path(__file__).parent
+_IMPORT = re.compile(r"^[ \t]*from[ \t]+(\.+)([\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n#]+)", re.M)
+
+
+def _imports(source: pathlib.Path, text: str) -> set[pathlib.Path]:
+    """Files of the package that a module's relative imports may name."""
+    found = set()
+    for dots, dotted, names in _IMPORT.findall(text):
+        base = source.parents[len(dots) - 1].joinpath(*filter(None, dotted.split(".")))
+        found |= {base.with_suffix(".py"), base / "__init__.py"}
+        found |= {base / f"{name}.py" for name in re.findall(r"\w+", names)}
+    return {path for path in found if path.is_file() and path != _PACKAGE / "__init__.py"}
+
+
 @functools.cache
-def cache_folder() -> pathlib.Path:
-    """Folder of the compiled kernels for exactly these sources.
+def sources_of(module: pathlib.Path) -> tuple[pathlib.Path, ...]:
+    """The module's file, this one, and every file of the package that they lead to, sorted."""
+    seen: set[pathlib.Path] = set()
+    todo = {module, pathlib.Path(__file__)}
+    while todo:
+        source = todo.pop()
+        seen.add(source)
+        todo |= _imports(source, source.read_text(encoding="utf-8")) - seen
+    return tuple(sorted(seen))
+
+
+@functools.cache
+def cache_folder(module: pathlib.Path) -> pathlib.Path:
+    """Folder of the compiled kernels of one source file, for exactly the sources it leads to.
 
     Below ``NUMBA_CACHE_DIR`` if that is set, else ``XDG_CACHE_HOME``, else ``~/.cache``; below
     the system's temporary folder if none of these can be written.
     """
-    package = pathlib.Path(__file__).parent
     digest = hashlib.sha256()
-    for source in sorted(package.rglob("*.py")):
-        digest.update(source.relative_to(package).as_posix().encode())
+    for source in sources_of(module):
+        digest.update(os.path.relpath(source, _PACKAGE).encode())
         digest.update(source.read_bytes())
     base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     root = pathlib.Path(base) if base else pathlib.Path.home() / ".cache"
@@ -57,7 +84,7 @@ def cache_folder() -> pathlib.Path:
 def _compile(func: F, **options: Any) -> F:
     config: Any = numba.config
     saved = config.CACHE_DIR
-    config.CACHE_DIR = str(cache_folder())
+    config.CACHE_DIR = str(cache_folder(pathlib.Path(func.__code__.co_filename)))
     try:
         return cast(F, njit(cache=True, error_model="numpy", **options)(func))
     finally:
