@@ -106,8 +106,10 @@ class Sphere:
         object.__setattr__(self, "center", _vector("center", self.center))
         object.__setattr__(self, "radius", _check.positive("radius", self.radius))
 
-    def intersect(self, origin: Float64Array, rays: Float64Array) -> tuple[Float64Array, BoolArray]:
-        """Outward normals (H, W, 3) at the first hit of unit ``rays``, and where there is one."""
+    def intersect(
+        self, origin: Float64Array, rays: Float64Array
+    ) -> tuple[Float64Array, BoolArray, Float64Array]:
+        """Normals (H, W, 3) where unit ``rays`` meet it first, whether, and how far away (H, W)."""
         to_eye = (origin - np.asarray(self.center)) / self.radius
         outside = float(to_eye @ to_eye) > 1.0
         b = rays @ to_eye
@@ -116,7 +118,7 @@ class Sphere:
         under = 1.0 - dot(off, off)
         hit = (under > 0.0) & (b < 0.0) & outside
         distance = -b - np.sqrt(np.maximum(under, 0.0))
-        return to_eye + distance[..., None] * rays, hit
+        return to_eye + distance[..., None] * rays, hit, distance * self.radius
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,12 +144,15 @@ class Plane:
                 raise _check.fail("tangent", "must not lie along the normal", self.tangent)
             object.__setattr__(self, "tangent", tuple(normalise(tangent).tolist()))
 
-    def intersect(self, origin: Float64Array, rays: Float64Array) -> tuple[Float64Array, BoolArray]:
-        """Normals (H, W, 3), and where ``rays`` meet the plane's front."""
+    def intersect(
+        self, origin: Float64Array, rays: Float64Array
+    ) -> tuple[Float64Array, BoolArray, Float64Array]:
+        """Normals (H, W, 3), where ``rays`` meet the plane's front, and how far away (H, W)."""
         n = np.asarray(self.normal)
-        above = float((origin - np.asarray(self.point)) @ n) > 0.0
-        hit = (rays @ n < 0.0) & above
-        return np.broadcast_to(n, rays.shape), hit
+        height = float((origin - np.asarray(self.point)) @ n)
+        down = -(rays @ n)
+        hit = (down > 0.0) & (height > 0.0)
+        return np.broadcast_to(n, rays.shape), hit, height / np.where(hit, down, 1.0)
 
 
 Shape = Sphere | Plane
@@ -158,14 +163,16 @@ def surface_points(camera: Camera, shape: Shape) -> SurfacePoints:
 
     Returns
     -------
-    SurfacePoints of shape (H, W); its mask is False where the shape is not seen.
+    SurfacePoints of shape (H, W) with positions; their mask is False where the shape is not seen.
     """
     rays = camera.rays()
-    normal, hit = shape.intersect(np.asarray(camera.position), rays)
+    eye = np.asarray(camera.position)
+    normal, hit, distance = shape.intersect(eye, rays)
     up = np.array([0.0, 0.0, 1.0])
     normal = np.where(hit[..., None], normal, up)
     tangent = shape.tangent if isinstance(shape, Plane) else None
-    return SurfacePoints(normalise(normal), tangent, -rays, hit)
+    position = eye + np.where(hit, distance, 0.0)[..., None] * rays
+    return SurfacePoints(normalise(normal), tangent, -rays, hit, position)
 
 
 def default_camera(shape: Shape, width: int = 256, height: int = 256) -> Camera:

@@ -83,17 +83,22 @@ class SurfacePoints:
     mask : (...) array of bool, optional
         False where no surface is seen: such pixels cost nothing and come out black. Their
         vectors are not looked at.
+    position : (..., 3) array, optional
+        Where the points are, world coordinates. Only lookups that depend on the place
+        (``BoundingPlanes``) need it; without them light is infinitely far away.
 
     Raises
     ------
     ValueError
-        For a wrong shape, a vector that is not unit, or a tangent along the normal.
+        For a wrong shape, a vector that is not unit, a tangent along the normal, or a position
+        that is not finite.
     """
 
     normal: Float64Array
     tangent: Float64Array
     view: Float64Array
     mask: npt.NDArray[np.bool_] | None
+    position: Float64Array | None
 
     def __init__(
         self,
@@ -101,17 +106,20 @@ class SurfacePoints:
         tangent: npt.ArrayLike | None = None,
         view: npt.ArrayLike | None = None,
         mask: npt.ArrayLike | None = None,
+        position: npt.ArrayLike | None = None,
     ) -> None:
         if view is None:
             raise _check.fail("view", "is required", None)
         n = _check.array("normal", normal)
         v = _check.array("view", view)
         t = None if tangent is None else _check.array("tangent", tangent)
+        x = None if position is None else _check.array("position", position)
+        given = [a.shape for a in (n, v, t, x) if a is not None]
         try:
-            shape = np.broadcast_shapes(n.shape, v.shape, () if t is None else t.shape)
+            shape = np.broadcast_shapes(*given)
         except ValueError:
-            shapes = [a.shape for a in (n, v, t) if a is not None]
-            raise _check.fail("normal, tangent, view", "must broadcast", shapes) from None
+            names = "normal, tangent, view" if x is None else "normal, tangent, view, position"
+            raise _check.fail(names, "must broadcast", given) from None
         n, v = np.broadcast_to(n, shape), np.broadcast_to(v, shape)
         t = None if t is None else np.broadcast_to(t, shape)
         seen = None
@@ -132,7 +140,9 @@ class SurfacePoints:
             if np.any(length < 1e-3):
                 raise _check.fail("tangent", "must not lie along the normal", "a parallel pair")
             t = t / length[..., None]
-        for name, value in (("normal", n), ("tangent", t), ("view", v), ("mask", seen)):
+        where = None if x is None else _positions(x, shape, seen)
+        parts = {"normal": n, "tangent": t, "view": v, "mask": seen, "position": where}
+        for name, value in parts.items():
             if value is not None:
                 value.flags.writeable = False
             object.__setattr__(self, name, value)
@@ -174,4 +184,20 @@ class SurfacePoints:
     def __getitem__(self, key: Any) -> "SurfacePoints":
         """The points selected by a NumPy index over ``shape``."""
         pick = None if self.mask is None else self.mask[key]
-        return SurfacePoints(self.normal[key], self.tangent[key], self.view[key], pick)
+        where = None if self.position is None else self.position[key]
+        return SurfacePoints(self.normal[key], self.tangent[key], self.view[key], pick, where)
+
+
+def _positions(
+    x: npt.NDArray[np.floating], shape: tuple[int, ...], seen: npt.NDArray[np.bool_] | None
+) -> Float64Array:
+    """Positions as ``shape``, a copy; 0 where nothing is seen."""
+    if not shape or shape[-1] != 3:
+        raise _check.fail("position", "must have shape (..., 3)", x.shape)
+    out = np.array(np.broadcast_to(x, shape), dtype=np.float64, order="C")
+    if seen is not None:
+        out[~seen] = 0.0
+    if not np.all(np.isfinite(out)):
+        bad = out[~np.isfinite(out).all(axis=-1)][0].tolist()
+        raise _check.fail("position", "must be finite", bad)
+    return out

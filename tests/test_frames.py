@@ -118,6 +118,22 @@ def test_points_that_see_nothing_are_not_looked_at() -> None:
         points(normal=bad)
 
 
+def test_positions_broadcast_follow_an_index_and_are_not_looked_at_where_masked() -> None:
+    x = np.array([[0.0, 0.0, 0.0], [math.inf, 0.0, 0.0]])
+    p = points(position=x, mask=[True, False])
+    assert p.position is not None
+    np.testing.assert_array_equal(p.position, np.zeros((2, 3)))
+    spread = SurfacePoints([0, 0, 1], None, [0, 0, 1], position=np.arange(12.0).reshape(4, 3))
+    assert spread.shape == (4,)
+    assert spread.position is not None
+    np.testing.assert_array_equal(spread[1:3].position, [[3, 4, 5], [6, 7, 8]])  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="read-only"):
+        spread.position[0] = 1.0
+    assert points().position is None
+    x[0] = 5.0  # a copy was taken
+    assert not p.position.any()
+
+
 def test_the_callers_arrays_stay_writeable() -> None:
     given = {"normal": np.eye(3)[[2, 2]], "tangent": np.eye(3)[[0, 0]], "view": np.eye(3)[[2, 2]]}
     mask = np.array([True, False])
@@ -136,6 +152,8 @@ def test_the_callers_arrays_stay_writeable() -> None:
         ({"tangent": [[0, 0, 1], [0, 0, 1]]}, "tangent: must not lie along the normal"),
         ({"tangent": "east"}, "tangent: must be an array of real numbers"),
         ({"mask": [True]}, r"mask: must have shape \(2,\)"),
+        ({"position": [[0, 0, 0]] * 3}, "normal, tangent, view, position: must broadcast"),
+        ({"position": [0, math.nan, 0]}, "position: must be finite"),
     ],
 )
 def test_refusals(change: dict[str, Any], message: str) -> None:

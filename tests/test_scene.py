@@ -298,3 +298,18 @@ def test_bad_gbuffers_name_the_file_and_the_fault(
         read_gbuffer(tmp_path / "f.jpg")
     with pytest.raises(FileNotFoundError):
         read_gbuffer(tmp_path / "absent.npz")
+
+
+def test_positions_lie_on_the_shape_and_on_the_ray() -> None:
+    sphere = Sphere((1.0, 2.0, 3.0), 0.5)
+    camera = default_camera(sphere, 16, 12)
+    p = surface_points(camera, sphere)
+    assert p.position is not None
+    seen = p.coverage
+    away = (p.position - sphere.center)[seen]
+    np.testing.assert_allclose(away, 0.5 * p.normal[seen], atol=tolerances.INTERSECTION)
+    plane = Plane((0.0, 1.0, 0.0))
+    q = surface_points(default_camera(plane, 16, 12), plane)
+    assert q.position is not None
+    np.testing.assert_allclose(q.position[q.coverage][:, 1], 1.0, atol=tolerances.INTERSECTION)
+    assert not q.position[~q.coverage].any()
