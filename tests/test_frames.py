@@ -126,7 +126,7 @@ def test_positions_broadcast_follow_an_index_and_are_not_looked_at_where_masked(
     spread = SurfacePoints([0, 0, 1], None, [0, 0, 1], position=np.arange(12.0).reshape(4, 3))
     assert spread.shape == (4,)
     assert spread.position is not None
-    np.testing.assert_array_equal(spread[1:3].position, [[3, 4, 5], [6, 7, 8]])  # type: ignore[arg-type]
+    np.testing.assert_array_equal(spread[1:3].position, [[3, 4, 5], [6, 7, 8]])
     with pytest.raises(ValueError, match="read-only"):
         spread.position[0] = 1.0
     assert points().position is None
