@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from .image import Image, read_image, write_exr, write_image
     from .irradiance import irradiance, irradiance_map
     from .materials import material, material_names
+    from .measured.read import read_measured
+    from .measured.table import MeasuredTable
     from .metrics import (
         Comparison,
         bias,
@@ -47,6 +49,7 @@ _WHERE = {
     "Image": "image",
     "Lobe": "brdf",
     "Material": "brdf",
+    "MeasuredTable": "measured.table",
     "Pattern": "pattern",
     "Plane": "camera",
     "Pyramid": "pyramid",
@@ -71,6 +74,7 @@ _WHERE = {
     "read_environment": "environment",
     "read_gbuffer": "gbuffer",
     "read_image": "image",
+    "read_measured": "measured.read",
     "reference": "reference",
     "reference_passes": "reference",
     "regular_pattern": "pattern",
@@ -91,6 +95,7 @@ __all__ = [
     "Image",
     "Lobe",
     "Material",
+    "MeasuredTable",
     "Pattern",
     "Plane",
     "Pyramid",
@@ -116,6 +121,7 @@ __all__ = [
     "read_environment",
     "read_gbuffer",
     "read_image",
+    "read_measured",
     "reference",
     "reference_passes",
     "regular_pattern",
