@@ -3,6 +3,9 @@
 A method is a function ``(points, material, prepared, *, precision, **its own options)`` that
 returns the glossy radiance (..., 3); ``prepared`` is whatever it looks up (a Pyramid here). The
 core imports none of them.
+
+What makes ``prepared`` is named beside it: a function ``(cube, **its own options)``, with a
+parameter ``material`` if it needs that. Methods without an entry look up a MIP pyramid.
 """
 
 import importlib
@@ -12,17 +15,44 @@ from typing import Any
 
 from . import _check
 
+SCENE = ("cube", "material")  # what a preparation takes from the scene
+
 METHODS = {
     "regular": "glossy.shading:regular",
     "importance": "glossy.shading:importance",
 }
 
+PYRAMID = "glossy.pyramid:build_pyramid"
+PREPARE: dict[str, str] = {}
+"""What a method looks up, where that is not a MIP pyramid."""
+
+
+def _load(place: str) -> Callable[..., Any]:
+    module, _, function = place.partition(":")
+    found: Callable[..., Any] = getattr(importlib.import_module(module), function)
+    return found
+
 
 def resolve(name: str) -> Callable[..., Any]:
     """The function of a method; an unknown name is a ``ValueError`` that lists them."""
-    module, _, function = METHODS[_check.choice("method", name, METHODS)].partition(":")
-    found: Callable[..., Any] = getattr(importlib.import_module(module), function)
-    return found
+    return _load(METHODS[_check.choice("method", name, METHODS)])
+
+
+def preparation(name: str) -> Callable[..., Any]:
+    """What makes the third argument of ``shade`` for a method."""
+    return _load(PREPARE.get(_check.choice("method", name, METHODS), PYRAMID))
+
+
+def preparation_options(name: str) -> list[str]:
+    """Names of the options of a method's preparation."""
+    return [p for p in inspect.signature(preparation(name)).parameters if p not in SCENE]
+
+
+def prepare(name: str, cube: Any, material: Any, **options: Any) -> Any:
+    """The third argument of ``shade`` for a method, from a cube map and the material."""
+    function = preparation(name)
+    needs = "material" in inspect.signature(function).parameters
+    return function(cube, **({"material": material} if needs else {}), **options)
 
 
 def options(name: str) -> dict[str, Any]:

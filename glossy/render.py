@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 FloatArray = npt.NDArray[np.floating]
 
-PREPARATION = ("filter", "storage")  # options of the pyramid, the others are the method's
-
 
 @dataclasses.dataclass(frozen=True)
 class Rendering:
@@ -101,17 +99,26 @@ class Clock:
         self._last = now
 
 
-def split_options(options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """(options of the pyramid, options of the method)."""
-    own = {k: v for k, v in options.items() if k not in PREPARATION}
-    return {k: v for k, v in options.items() if k in PREPARATION}, own
+def split_options(method: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """(options of the method's preparation, options of the method)."""
+    from . import methods
+
+    names = methods.preparation_options(method)
+    own = {k: v for k, v in options.items() if k not in names}
+    return {k: v for k, v in options.items() if k in names}, own
 
 
 def actual_samples(material: "Material", method: str, samples: int, threshold: float) -> list[int]:
-    """Taps of each lobe: for regular patterns the count nearest to the budget."""
+    """Taps of each lobe: for regular patterns the count nearest to the budget.
+
+    A method without ``samples`` takes one.
+    """
+    from . import methods
     from .pattern import pattern_for_budget
 
     lobes = [lobe for lobe, _ in material.sided_lobes()]
+    if "samples" not in methods.options(method):
+        return [1] * len(lobes)
     if method != "regular":
         return [samples] * len(lobes)
     return [len(pattern_for_budget(lobe, samples, threshold)) for lobe in lobes]
@@ -182,26 +189,25 @@ def render_scene(scene: Scene) -> Rendering:
         If a file cannot be read.
     """
     from . import methods
-    from .pyramid import build_pyramid
     from .shading import shade
 
     clock = Clock()
-    preparation, options = split_options(scene.options)
+    preparation, options = split_options(scene.method, scene.options)
     methods.check_options(scene.method, {k: v for k, v in options.items() if k != "precision"})
     material, points = scene.load_material(), scene.points()
     known = methods.options(scene.method)
     clock.lap("scene")
     cube = scene.environment.load()
     clock.lap("environment")
-    pyramid = build_pyramid(cube, **preparation)
+    prepared = methods.prepare(scene.method, cube, material, **preparation)
     clock.lap("prepare")
     image = shade(
         points,
         material,
-        pyramid,
+        prepared,
         method=scene.method,
-        samples=scene.samples,
         irradiance=diffuse_irradiance(material, cube, points),
+        **({"samples": scene.samples} if "samples" in known else {}),
         **options,
     )
     clock.lap("shade")
@@ -293,7 +299,7 @@ def trace_pixel(scene: Scene, x: int, y: int) -> PixelTrace:
     from .pyramid import build_pyramid
     from .trace import trace
 
-    preparation, options = split_options(scene.options)
+    preparation, options = split_options(scene.method, scene.options)
     material, points = scene.load_material(), scene.points()
     height, width = points.shape
     if not (0 <= x < width and 0 <= y < height):

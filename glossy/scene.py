@@ -6,7 +6,7 @@ A scene file is TOML; every key is optional, paths are relative to the file ::
     background = "environment"        # or "black"
 
     [environment]
-    source = "spots"                  # a built-in name, a file, or a folder of six files
+    source = "spots"                  # a built-in name, a file, a folder or pattern of six files
     size = 256
 
     [shape]
@@ -59,9 +59,10 @@ BACKGROUNDS = ("environment", "black")
 
 @dataclasses.dataclass(frozen=True)
 class EnvironmentSource:
-    """Where the light comes from: a built-in name, a file or a folder, and how to read it.
+    """Where the light comes from: a built-in name, a file, six files, and how to read it.
 
-    A built-in name wins over a file of that name: write ``./sky`` for the file.
+    ``source``: a name, a file, a folder of six faces, or a pattern of them (``sky_*.exr``); the
+    other fields as for ``read_environment``. A built-in name wins over a file of that name: write ``./sky`` for the file.
     """
 
     source: str = "spots"
@@ -70,6 +71,7 @@ class EnvironmentSource:
     orientation: str = "glossy"
     negative: str = "clamp"
     nonfinite: str = "error"
+    encoding: str | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.source, str):
@@ -79,12 +81,13 @@ class EnvironmentSource:
     def load(self) -> "CubeMap":
         """The cube map. Errors of reading are those of ``read_environment``."""
         from .environment import BUILTIN, environment, read_environment
+        from .layouts import is_face_set
 
         if self.source in BUILTIN:
             return environment(self.source, size=self.size)
-        if not os.path.exists(self.source):
+        if not (os.path.exists(self.source) or is_face_set(self.source)):
             names = ", ".join(BUILTIN)
-            rule = f"must be a file, a folder or one of {names}"
+            rule = f"must be a file, a folder, a pattern of six files or one of {names}"
             raise _check.fail("environment", rule, self.source)
         return read_environment(
             self.source,
@@ -93,6 +96,7 @@ class EnvironmentSource:
             orientation=self.orientation,
             negative=self.negative,
             nonfinite=self.nonfinite,
+            encoding=self.encoding,
         )
 
 
@@ -216,9 +220,13 @@ def _parse(data: Mapping[str, Any], folder: pathlib.Path) -> Scene:
 
 
 def _beside(text: str, folder: pathlib.Path) -> str:
-    """A path relative to the scene file if there is one, else the text as it is."""
+    """A path relative to the scene file if there is one, else the text as it is.
+
+    A pattern with ``*`` is relative to the scene file if it matches files there.
+    """
     there = folder / text
-    return str(there) if there.exists() else text
+    found = there.exists() or ("*" in there.name and any(there.parent.glob(there.name)))
+    return str(there) if found else text
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:

@@ -12,10 +12,12 @@ import tolerances
 from hypothesis import given
 from hypothesis import strategies as st
 
+from glossy import read_environment, write_image
 from glossy.frames import SurfacePoints, normalise
 from glossy.gbuffer import pick_channels, read_gbuffer, write_gbuffer
 from glossy.scene import (
     Camera,
+    EnvironmentSource,
     Plane,
     Scene,
     Sphere,
@@ -212,6 +214,22 @@ def test_paths_are_relative_to_the_scene_file(tmp_path: pathlib.Path) -> None:
     (tmp_path / "room.hdr").write_bytes(b"")
     scene = load_scene(write(tmp_path, '[environment]\nsource = "room.hdr"\n'))
     assert scene.environment.source == str(tmp_path / "room.hdr")
+
+
+def test_six_png_faces_by_a_pattern_beside_the_scene_file(tmp_path: pathlib.Path) -> None:
+    rng = np.random.default_rng(2)
+    faces = (rng.integers(0, 256, (6, 8, 8, 3)) / 255.0).astype(np.float32)
+    files = [tmp_path / f"sky_{name}.png" for name in ("px", "nx", "py", "ny", "pz", "nz")]
+    for file, face in zip(files, faces, strict=True):
+        write_image(file, face)
+    table = 'source = "sky_*.png"\nsize = 8\nencoding = "srgb"\n'
+    scene = load_scene(write(tmp_path, f"[environment]\n{table}"))
+    assert scene.environment.source == str(tmp_path / "sky_*.png")
+    expected = read_environment(files, size=8, encoding="srgb")
+    assert np.array_equal(scene.environment.load().faces, expected.faces)
+    missing = EnvironmentSource(str(tmp_path / "room_*.png"))
+    with pytest.raises(ValueError, match="must hold a file for face"):
+        missing.load()
 
 
 @pytest.mark.parametrize(

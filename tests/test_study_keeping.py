@@ -16,6 +16,7 @@ from test_study import errors, study
 
 from glossy import CubeMap
 from glossy.cli import build_parser
+from glossy.scene import load_scene
 from glossy.study import commandline, measure, plots
 from glossy.study import run as running
 from glossy.study.run import Cell, Study
@@ -210,6 +211,18 @@ def test_the_recorded_command_starts_the_same_study() -> None:
     again = build_parser().parse_args(command[1:])
     assert command[0] == "glossy"
     assert vars(again) == {**vars(args), "resume": False, "json": False}
+
+
+def test_the_pyramids_storage_comes_from_the_scene_file(tmp_path: pathlib.Path) -> None:
+    file = tmp_path / "scene.toml"
+    file.write_text('[method]\nstorage = "rgba16f"\nfilter = "box"\n')
+    args = build_parser().parse_args(["study", str(file), "-o", "out"])
+    plan = commandline.plan_from(args, load_scene(file))
+    assert plan.preparation == {"filter": "box", "storage": "rgba16f"}
+    kept = study(tmp_path / "kept", **plan.preparation)
+    pyramid = kept.prepared(kept.plan.cases[0], kept.plan.methods[0])
+    assert (pyramid.filter, pyramid.storage) == ("box", "rgba16f")
+    assert kept.settings["storage"] == "rgba16f"
 
 
 def test_the_report_says_how_to_repeat_it_and_how_well_the_truth_is_known(

@@ -23,8 +23,8 @@ def add_scene_arguments(parser: argparse.ArgumentParser, gbuffer: bool = True) -
     group.add_argument(
         "--env",
         metavar="E",
-        help="environment: a file (EXR, HDR), a folder of six faces, or a built-in name: "
-        "spots, studio, sky, white, axes (default spots)",
+        help="environment: a file (EXR, HDR), a folder or pattern (sky_*.exr) of six faces, or a "
+        "built-in name: spots, studio, sky, white, axes (default spots)",
     )
     group.add_argument("--size", type=int, metavar="N", help="cube map size (default 256)")
     group.add_argument(
@@ -44,6 +44,7 @@ def add_scene_arguments(parser: argparse.ArgumentParser, gbuffer: bool = True) -
     group.add_argument("--orientation", metavar="O", help="orientation preset of the environment")
     group.add_argument("--negative", choices=("error", "clamp", "keep"), help="negative radiance")
     group.add_argument("--nonfinite", choices=("error", "clamp", "keep"), help="NaN and infinity")
+    group.add_argument("--encoding", choices=("linear", "srgb"), help="of an 8 or 16-bit map")
 
 
 def add_background_argument(parser: argparse.ArgumentParser) -> None:
@@ -102,6 +103,7 @@ def scene_from(args: argparse.Namespace) -> "Scene":
         ("orientation", "orientation"),
         ("negative", "negative"),
         ("nonfinite", "nonfinite"),
+        ("encoding", "encoding"),
     ):
         if name in given:
             env[key] = given[name]

@@ -52,6 +52,7 @@ def plan_from(args: argparse.Namespace, scene: Any) -> settings.Plan:
         methods=[settings.parse_method(name) for name in named],
         budgets=_budgets(args.samples),
         filter=args.filter or scene.options.get("filter", "gauss6"),
+        storage=scene.options.get("storage", "rgba32f"),
         tolerance=DEFAULT_TOLERANCE if tolerance is None else tolerance,
         repeats=3 if args.repeats is None else args.repeats,
     )

@@ -5,15 +5,16 @@ they are compared at equal samples; the thresholds are ``settings.threshold_for`
 """
 
 import dataclasses
+import itertools
 import time
 from collections.abc import Callable, Iterator
+from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..frames import SurfacePoints
-from ..pyramid import build_pyramid
 from .measure import Figures, Judge, Timing, best_bias, one_thread, timed
 from .settings import Case, MethodSpec, Plan, digest, machine, threshold_for
 from .store import Store
@@ -131,7 +132,9 @@ class Study:
         self.points = points[self.seen]
         if self.seen.sum() < 2:
             raise ValueError("study: the picture shows less than two pixels of the surface")
-        self.pyramid = build_pyramid(cube, filter=plan.filter)  # refuses before anything is kept
+        self._prepared: dict[tuple[str, str, str], Any] = {}
+        for case, method in itertools.product(plan.cases, plan.methods):
+            self.prepared(case, method)  # refuses before anything is kept
         self.settings = {
             **plan.describe(),
             "environment": environment,
@@ -147,6 +150,18 @@ class Study:
         self.cells: list[Cell] = []
         stride = max(1, int(self.seen.sum()) // plan.subset)
         self.subset = np.arange(stride // 2, int(self.seen.sum()), stride)
+
+    def prepared(self, case: Case, method: MethodSpec) -> Any:
+        """What a method looks up, made once; for every case if it depends on the material."""
+        from .. import methods
+
+        make = methods.preparation(method.name)
+        own = {k: v for k, v in self.plan.preparation.items() if k in signature(make).parameters}
+        bound = "material" in signature(make).parameters
+        key = (make.__module__, make.__qualname__, case.name if bound else "")
+        if key not in self._prepared:
+            self._prepared[key] = methods.prepare(method.name, self.cube, case.material, **own)
+        return self._prepared[key]
 
     def _session(self) -> dict[str, Any]:
         return {**machine(), "command": self.command}
@@ -220,8 +235,9 @@ class Study:
 
         own = self.options(case, method, budget)
         where = self.points if points is None else points
+        prepared = self.prepared(case, method)
         result: FloatArray = shade(
-            where, case.material, self.pyramid, method=method.name, bias=bias, **own
+            where, case.material, prepared, method=method.name, bias=bias, **own
         )
         return result
 

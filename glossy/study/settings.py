@@ -130,6 +130,7 @@ class Plan:
     methods: Sequence[MethodSpec]
     budgets: Sequence[int] = BUDGETS
     filter: str = "gauss6"
+    storage: str = "rgba32f"
     tolerance: float = 1e-3
     repeats: int = 3
     subset: int = 1200
@@ -148,6 +149,11 @@ class Plan:
             if not items or len(set(items)) != len(items):
                 raise _check.fail(name, "must be at least one, each once", items)
 
+    @property
+    def preparation(self) -> dict[str, str]:
+        """Options of the pyramid, and of other preparations that have them."""
+        return {"filter": self.filter, "storage": self.storage}
+
     def describe(self) -> dict[str, Any]:
         """The plan, fit for JSON; two studies with the same description measure the same."""
         return {
@@ -157,7 +163,7 @@ class Plan:
             "methods": [m.label for m in self.methods],
             "budgets": list(self.budgets),
             "thresholds": {str(b): threshold_for(b) for b in self.budgets},
-            "filter": self.filter,
+            **self.preparation,
             "reference_tolerance": self.tolerance,
             "repeats": self.repeats,
             "bias_search_pixels": self.subset,
