@@ -201,13 +201,14 @@ def render_scene(scene: Scene) -> Rendering:
     clock.lap("environment")
     prepared = methods.prepare(scene.method, cube, material, **preparation)
     clock.lap("prepare")
+    counted: dict[str, Any] = {"samples": scene.samples} if "samples" in known else {}
     image = shade(
         points,
         material,
         prepared,
         method=scene.method,
         irradiance=diffuse_irradiance(material, cube, points),
-        **({"samples": scene.samples} if "samples" in known else {}),
+        **counted,
         **options,
     )
     clock.lap("shade")

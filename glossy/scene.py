@@ -62,7 +62,8 @@ class EnvironmentSource:
     """Where the light comes from: a built-in name, a file, six files, and how to read it.
 
     ``source``: a name, a file, a folder of six faces, or a pattern of them (``sky_*.exr``); the
-    other fields as for ``read_environment``. A built-in name wins over a file of that name: write ``./sky`` for the file.
+    other fields as for ``read_environment``. A built-in name wins over a file of that
+    name: write ``./sky`` for the file.
     """
 
     source: str = "spots"

@@ -219,7 +219,7 @@ def test_the_pyramids_storage_comes_from_the_scene_file(tmp_path: pathlib.Path) 
     args = build_parser().parse_args(["study", str(file), "-o", "out"])
     plan = commandline.plan_from(args, load_scene(file))
     assert plan.preparation == {"filter": "box", "storage": "rgba16f"}
-    kept = study(tmp_path / "kept", **plan.preparation)
+    kept = study(tmp_path / "kept", filter="box", storage="rgba16f")
     pyramid = kept.prepared(kept.plan.cases[0], kept.plan.methods[0])
     assert (pyramid.filter, pyramid.storage) == ("box", "rgba16f")
     assert kept.settings["storage"] == "rgba16f"
