@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from .reference import Truth, reference, reference_passes
     from .scene import load_scene
     from .shading import shade
+    from .thesis_pattern import thesis_pattern
     from .trace import trace
 
 _WHERE = {
@@ -83,6 +84,7 @@ _WHERE = {
     "rms": "metrics",
     "shade": "shading",
     "surface_points": "camera",
+    "thesis_pattern": "thesis_pattern",
     "trace": "trace",
     "write_exr": "image",
     "write_image": "image",
@@ -130,6 +132,7 @@ __all__ = [
     "rms",
     "shade",
     "surface_points",
+    "thesis_pattern",
     "trace",
     "write_exr",
     "write_image",

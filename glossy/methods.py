@@ -20,6 +20,7 @@ SCENE = ("cube", "material")  # what a preparation takes from the scene
 METHODS = {
     "regular": "glossy.shading:regular",
     "importance": "glossy.shading:importance",
+    "thesis": "glossy.thesis:thesis",
 }
 
 PYRAMID = "glossy.pyramid:build_pyramid"

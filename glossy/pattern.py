@@ -52,7 +52,7 @@ class HasWidths(Protocol):
 Widths = HasWidths | tuple[float, float]
 
 
-def _widths(lobe: Widths) -> tuple[float, float]:
+def widths_of(lobe: Widths) -> tuple[float, float]:
     """(mx, my) of a Lobe or of a pair of numbers."""
     pair = getattr(lobe, "widths", lobe)
     if not isinstance(pair, tuple | list) or len(pair) != 2:
@@ -128,7 +128,7 @@ class Pattern:
         if np.any(h[:, 2] <= 0.0):
             worst = h[np.argmin(h[:, 2])].tolist()
             raise _check.fail("half_vectors", "must lie above the surface (z > 0)", worst)
-        widths = None if lobe is None else _widths(lobe)
+        widths = None if lobe is None else widths_of(lobe)
         if widths is not None:
             d = distribution(h, *widths)
             if pdf_constant is None:
@@ -308,7 +308,7 @@ def regular_pattern(
     ValueError
         For an argument out of range, or for more than ten million samples.
     """
-    mx, my = _widths(lobe)
+    mx, my = widths_of(lobe)
     n_c = _check.count("circles", circles)
     _check.choice("spacing", spacing, SPACINGS)
     xi0 = _check.in_range("threshold", threshold, 0.0, 1.0, open_low=True, open_high=True)
@@ -342,7 +342,7 @@ def pattern_for_budget(lobe: Widths, samples: int = 20, threshold: float = 0.1) 
     ValueError
         For an argument out of range.
     """
-    mx, my = _widths(lobe)
+    mx, my = widths_of(lobe)
     budget = _check.count("samples", samples, 1, 100_000)
     xi0 = _check.in_range("threshold", threshold, 0.0, 1.0, open_low=True, open_high=True)
     return _regular(mx, my, *_search(mx, my, budget, xi0), xi0)
@@ -386,7 +386,7 @@ def importance_pattern(lobe: Widths, samples: int = 40) -> Pattern:
     ValueError
         For an argument out of range.
     """
-    mx, my = _widths(lobe)
+    mx, my = widths_of(lobe)
     xi = hammersley(_check.count("samples", samples, 1, MAX_SAMPLES))
     radius, phi = np.sqrt(-np.log(xi[:, 0])), 2.0 * math.pi * xi[:, 1]
     slopes = np.stack([mx * radius * np.cos(phi), my * radius * np.sin(phi)], axis=-1)

@@ -23,7 +23,7 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 import numba
 import numpy as np
@@ -46,6 +46,7 @@ FloatArray = npt.NDArray[np.floating]
 Float32Array = npt.NDArray[np.float32]
 Int64Array = npt.NDArray[np.int64]
 Patterns = Pattern | Sequence[Pattern] | None
+Row = tuple[FloatArray, FloatArray, FloatArray, tuple[float, float]]
 
 ZERO, ONE, TWO = (np.float32(v) for v in (0.0, 1.0, 2.0))
 
@@ -54,9 +55,9 @@ ZERO, ONE, TWO = (np.float32(v) for v in (0.0, 1.0, 2.0))
 class TapTable:
     """What the kernels take for one material: the patterns of its lobes, ready to use.
 
-    ``taps`` (K, 5): wh in the frame, g of eq. (2), spread of the footprint; ``first`` (L + 1,):
-    where each lobe's taps begin; ``borders`` (L, 2): sines of the lobe's border angles; ``lobes``,
-    ``ks``, ``r0``: as in ``PackedMaterial``.
+    ``taps`` (K, 5): wh in the frame, g of eq. (2), spread of the footprint, and what a method adds;
+    ``first`` (L + 1,): where each lobe's taps begin; ``borders`` (L, 2): sines of the lobe's border
+    angles; ``lobes``, ``ks``, ``r0``: as in ``PackedMaterial``.
     """
 
     taps: FloatArray
@@ -69,12 +70,12 @@ class TapTable:
     bias: float
     steps: float
 
-    def cast(self, dtype: type) -> "TapTable":
+    def cast(self, dtype: type) -> Self:
         """The table in the kernels' precision."""
-        arrays = (self.taps, self.borders, self.lobes, self.ks, self.r0)
-        taps, borders, lobes, ks, r0 = (_check.frozen(a.astype(dtype)) for a in arrays)
+        names = ("taps", "borders", "lobes", "ks", "r0")
+        arrays: dict[str, Any] = {k: _check.frozen(getattr(self, k).astype(dtype)) for k in names}
         bias, steps = dtype(self.bias), dtype(self.steps)
-        return TapTable(taps, self.first, borders, lobes, ks, r0, self.footprint, bias, steps)
+        return dataclasses.replace(self, **arrays, bias=bias, steps=steps)
 
 
 # --- one sample -----------------------------------------------------------------------------------
@@ -190,7 +191,7 @@ def _shade(
 # --- tables ---------------------------------------------------------------------------------------
 
 
-def _patterns_of(pattern: Patterns, count: int) -> list[Pattern | None]:
+def patterns_of(pattern: Patterns, count: int) -> list[Pattern | None]:
     """One pattern (or None) for each of ``count`` lobes."""
     if pattern is None or isinstance(pattern, Pattern):
         return [pattern] * count
@@ -200,10 +201,19 @@ def _patterns_of(pattern: Patterns, count: int) -> list[Pattern | None]:
     return list(patterns)
 
 
-def _table(
+def cut_row(lobe: Lobe, own: Pattern, gain: FloatArray, footprint: str, threshold: float) -> Row:
+    """Row of a pattern cut off at its own threshold, or else at ``threshold``."""
+    if footprint == "jacobian" and own.cell is None:
+        raise _check.fail("pattern", "must have a cell for footprint 'jacobian'", own.cell)
+    cell = np.broadcast_to(np.float64(0.0) if own.cell is None else own.cell, len(own))
+    xi = threshold if own.threshold is None else own.threshold
+    return own.half_vectors, gain, cell, border_sines(*lobe.widths, xi)
+
+
+def join_rows(
     material: Material,
     pyramid: Pyramid,
-    rows: Sequence[tuple[FloatArray, FloatArray, FloatArray, tuple[float, float]]],
+    rows: Sequence[Row],
     footprint: str,
     bias: float,
     subtexel_bits: int | None,
@@ -245,9 +255,9 @@ def regular_table(
     """The samples of ``regular`` for one material; same options."""
     _check.choice("footprint", footprint, FOOTPRINTS)
     _check.choice("normalisation", normalisation, NORMALISATIONS)
-    rows = []
+    rows: list[Row] = []
     lobes = [lobe for lobe, _ in material.sided_lobes()]
-    for lobe, given in zip(lobes, _patterns_of(pattern, len(lobes)), strict=True):
+    for lobe, given in zip(lobes, patterns_of(pattern, len(lobes)), strict=True):
         own = given or pattern_for_budget(lobe, samples=samples, threshold=threshold)
         mx, my = lobe.widths
         h = own.half_vectors
@@ -255,12 +265,8 @@ def regular_table(
         p_h = own.pdf_constant if normalisation == "paper" else own.projected_pdf_constant
         if p_h is None:
             p_h = float(np.mean(d if normalisation == "paper" else d * h[:, 2]))
-        if footprint == "jacobian" and own.cell is None:
-            raise _check.fail("pattern", "must have a cell for footprint 'jacobian'", own.cell)
-        cell = np.broadcast_to(np.float64(0.0) if own.cell is None else own.cell, len(h))
-        xi = threshold if own.threshold is None else own.threshold
-        rows.append((h, d / (len(h) * p_h), cell, border_sines(mx, my, xi)))
-    return _table(material, pyramid, rows, footprint, bias, subtexel_bits)
+        rows.append(cut_row(lobe, own, d / (len(h) * p_h), footprint, threshold))
+    return join_rows(material, pyramid, rows, footprint, bias, subtexel_bits)
 
 
 def importance_table(
@@ -273,13 +279,13 @@ def importance_table(
     subtexel_bits: int | None = None,
 ) -> TapTable:
     """The samples of ``importance`` for one material; same options."""
-    rows = []
+    rows: list[Row] = []
     lobes = [lobe for lobe, _ in material.sided_lobes()]
-    for lobe, given in zip(lobes, _patterns_of(pattern, len(lobes)), strict=True):
+    for lobe, given in zip(lobes, patterns_of(pattern, len(lobes)), strict=True):
         h = (given or importance_pattern(lobe, samples=samples)).half_vectors
         p_h = distribution(h, *lobe.widths) * h[:, 2]
         rows.append((h, 1.0 / (len(h) * h[:, 2]), 1.0 / (len(h) * p_h), (0.0, 0.0)))
-    return _table(material, pyramid, rows, "jacobian", bias, subtexel_bits)
+    return join_rows(material, pyramid, rows, "jacobian", bias, subtexel_bits)
 
 
 TABLES = {"regular": regular_table, "importance": importance_table}

@@ -1,13 +1,16 @@
 """Every sample of one pixel: what an engineer compares with a shader, line by line.
 
 The samples come from the same compiled function as the picture (``shading.k_tap``), so that the sum
-of the contributions is the pixel. Columns follow eq. (1) of ``shading``::
+of the contributions is the pixel. Columns follow eq. (1) of ``shading``, eq. (4) of ``thesis``::
 
-    contribution = radiance * brdf * cos_i / (n * pdf_wi) = radiance * weight
+    contribution = radiance * share * brdf * cos_i / pdf_wi = radiance * weight
+
+share is 1/n for ``regular`` and ``importance``, w / sum w for ``thesis``.
 """
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,12 +23,16 @@ from .footprint import JACOBIAN, k_lobe_area
 from .frames import SurfacePoints
 from .pyramid import Pyramid
 from .sampler import k_trilinear_rgb
-from .shading import TABLES, k_frame, k_fresnel, k_tap, run_table
+from .shading import TABLES as SUMS
+from .shading import TapTable, k_frame, k_fresnel, k_tap
+from .thesis import BY_BRDF_COS, BY_PDF_COS, MeanTable, k_share, thesis_table
 
 FloatArray = npt.NDArray[np.floating]
 Vector = tuple[float, float, float]
 
-COLUMNS = 13
+TABLES: dict[str, Callable[..., TapTable]] = {**SUMS, "thesis": thesis_table}
+SUM = -1  # no mean: the weights hold 1/n
+COLUMNS = 16
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,8 +41,9 @@ class Tap:
 
     ``wh``, ``wi_local`` in the frame (t, b, n), ``wi`` in world coordinates; ``texels`` covered at
     level 0 and the ``level`` asked for (before clamping to the chain); ``radiance`` looked up;
-    ``brdf`` [1/sr] with ks; ``pdf_wh``, ``pdf_wi`` [1/sr]; ``weight`` = brdf cos_i / (n pdf_wi);
-    ``contribution`` = radiance * weight. A sample that is not ``kept`` fell below the horizon.
+    ``brdf`` [1/sr] with ks; ``pdf_wh``, ``pdf_wi`` [1/sr]; ``share`` of the sample in the mean;
+    ``weight`` = share * brdf cos_i / pdf_wi; ``contribution`` = radiance * weight. A sample that is
+    not ``kept`` fell below the horizon.
     """
 
     lobe: int
@@ -51,6 +59,7 @@ class Tap:
     brdf: Vector
     pdf_wh: float
     pdf_wi: float
+    share: Vector
     weight: Vector
     contribution: Vector
 
@@ -60,8 +69,9 @@ class Trace:
     """All samples of one pixel, and the pixel.
 
     ``radiance`` is the glossy radiance as ``shade`` returns it; ``tap_sum`` the sum of the
-    contributions. ``normal``, ``tangent``, ``bitangent``, ``view`` in world coordinates;
-    ``view_local`` in the frame.
+    contributions. ``normaliser``: what the sum of each lobe is divided by, n or, for ``thesis``,
+    the sum of pdf_wi, pdf_wi * cos_i or brdf * cos_i over the kept samples. ``normal``,
+    ``tangent``, ``bitangent``, ``view`` in world coordinates; ``view_local`` in the frame.
     """
 
     method: str
@@ -73,6 +83,7 @@ class Trace:
     view_local: Vector
     radiance: Vector
     tap_sum: Vector
+    normaliser: tuple[Vector, ...]
     taps: tuple[Tap, ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -83,20 +94,24 @@ class Trace:
         """The samples as text, one line each, then the pixel."""
         head = (
             f"{'lobe':>4} {'k':>4} {'wh (t, b, n)':^26} {'wi (world)':^26} {'texels':>10} "
-            f"{'level':>7} {'pdf wi':>10} {'brdf':>10} {'L (rgb)':^32} {'weight':>10}"
+            f"{'level':>7} {'pdf wi':>10} {'brdf':>10} {'share':>8} {'L (rgb)':^32} {'weight':>10}"
         )
         lines = [f"method {self.method}  {self.options}", head]
+        below = "below the horizon: adds nothing"
+        below += ", is left out" if self.method == "thesis" else ", counts in n"
         for tap in self.taps:
             start = f"{tap.lobe:4d} {tap.index:4d} {_text(tap.wh, 8, 5)} "
             if not tap.kept:
-                lines.append(f"{start}{'below the horizon: adds nothing, counts in n':^40}")
+                lines.append(f"{start}{below:^40}")
                 continue
             lines.append(
                 f"{start}{_text(tap.wi, 8, 5)} {tap.texels:10.4g} {tap.level:7.3f} "
-                f"{tap.pdf_wi:10.4g} {tap.brdf[1]:10.4g} {_text(tap.radiance, 10, 5, 'g')} "
-                f"{tap.weight[1]:10.4g}"
+                f"{tap.pdf_wi:10.4g} {tap.brdf[1]:10.4g} {tap.share[1]:8.5f} "
+                f"{_text(tap.radiance, 10, 5, 'g')} {tap.weight[1]:10.4g}"
             )
-        lines.append("brdf and weight: green channel")
+        lines.append("brdf, share and weight: green channel")
+        for j, divisor in enumerate(self.normaliser):
+            lines.append(f"lobe {j} is divided by {_text(divisor, 12, 7, 'g')}")
         lines.append(f"sum of taps {_text(self.tap_sum, 12, 7, 'g')}")
         lines.append(f"pixel       {_text(self.radiance, 12, 7, 'g')}")
         return "\n".join(lines)
@@ -122,6 +137,7 @@ def _trace(
     r0: FloatArray,
     border: FloatArray,
     footprint: Scalar,
+    estimator: Scalar,
     bias: Scalar,
     steps: Scalar,
     pi: Scalar,
@@ -130,7 +146,7 @@ def _trace(
     stride: Scalar,
     out: FloatArray,
 ) -> None:
-    # kept, wi (3), texels, level, L (3), weight without F, ks F weight (3)
+    # kept, wi (3), texels, level, L (3), weight without F, ks F weight (3), w of a mean (3)
     frame, wo = k_frame(normal, tangent, view)
     area = np.float32(1.0) * pi
     if footprint != JACOBIAN:
@@ -147,8 +163,13 @@ def _trace(
         out[k, 4], out[k, 5] = texels, level
         out[k, 6], out[k, 7], out[k, 8] = r, g, b
         out[k, 9] = weight
+        share = np.float32(1.0) * pi
+        if estimator != SUM:
+            share = k_share(estimator, taps[k], wo, weight)
         for c in range(3):
-            out[k, 10 + c] = ks[c] * k_fresnel(r0[c], schlick, lobe[4]) * weight
+            fresnel = k_fresnel(r0[c], schlick, lobe[4])
+            out[k, 10 + c] = ks[c] * fresnel * weight
+            out[k, 13 + c] = share * fresnel if estimator == BY_BRDF_COS else share
 
 
 def trace(
@@ -165,7 +186,7 @@ def trace(
     ----------
     point : SurfacePoints
         Exactly one point (any shape of size 1).
-    method : "regular" or "importance"
+    method : "regular", "importance" or "thesis"
     **options
         As for ``shade``.
 
@@ -180,6 +201,7 @@ def trace(
     if isinstance(material, Lobe):
         material = Material(reflection=[material])
     dtype = _check.dtype_of(precision)
+    given = {"precision": precision, **options}
     table = TABLES[method](material, pyramid, **options)
     cast = table.cast(dtype)
     n, t, v = (
@@ -187,31 +209,54 @@ def trace(
     )
     buffer, chain, stride = pyramid.kernel_arguments
     wo = point.local_view.reshape(3)
+    estimator = table.estimator if isinstance(table, MeanTable) else SUM
     rows: list[Tap] = []
+    normaliser = []
     for j, (lobe, side) in enumerate(material.sided_lobes()):
         part = slice(int(table.first[j]), int(table.first[j + 1]))
         out = np.zeros((part.stop - part.start, COLUMNS), dtype=dtype)
         _trace(
             n, t, v, cast.taps[part], cast.lobes[j], cast.ks[j], cast.r0[j], cast.borders[j],
-            cast.footprint, cast.bias, cast.steps, dtype(math.pi), buffer, chain, stride, out,
+            cast.footprint, estimator, cast.bias, cast.steps, dtype(math.pi), buffer, chain, stride,
+            out,
         )  # fmt: skip
-        rows += [
-            _tap(j, k, lobe, side, table.taps[part][k], wo, out[k].astype(float), len(out))
-            for k in range(len(out))
-        ]
+        found = out.astype(float)
+        count = len(found) if estimator == SUM else 1  # what the weights of k_tap are divided by
+        sums = found[:, 13:16].sum(axis=0)
+        taps = []
+        for k, row in enumerate(found):
+            share = np.full(3, 1.0 / count)
+            if estimator != SUM:
+                share = row[13:16] / np.where(sums > 0.0, sums, 1.0)
+            taps.append(_tap(j, k, lobe, side, table.taps[part][k], wo, row, count, share))
+        normaliser.append(_normaliser(taps, estimator))
+        rows += taps
     total = np.sum([tap.contribution for tap in rows], axis=0) if rows else np.zeros(3)
     return Trace(
         method=method,
-        options={"precision": precision, **{k: o for k, o in options.items() if k != "pattern"}},
+        options={k: o for k, o in given.items() if k != "pattern"},
         normal=_vector(point.normal),
         tangent=_vector(point.tangent),
         bitangent=_vector(point.bitangent),
         view=_vector(point.view),
         view_local=_vector(wo),
-        radiance=_vector(run_table(point, table, pyramid, precision)),
+        radiance=_vector(methods.resolve(method)(point, material, pyramid, **given)),
         tap_sum=_vector(total),
+        normaliser=tuple(normaliser),
         taps=tuple(rows),
     )
+
+
+def _normaliser(taps: list[Tap], estimator: int) -> Vector:
+    """What the sum over one lobe's samples is divided by, see ``Trace``."""
+    kept = [tap for tap in taps if tap.kept]
+    if estimator == SUM:
+        return _vector(np.full(3, float(len(taps))))
+    cos = np.array([tap.cos_i for tap in kept])
+    pdf = np.array([tap.pdf_wi for tap in kept])
+    if estimator == BY_BRDF_COS:
+        return _vector(cos @ np.array([tap.brdf for tap in kept]) if kept else np.zeros(3))
+    return _vector(np.full(3, np.sum(pdf * cos if estimator == BY_PDF_COS else pdf)))
 
 
 def _tap(
@@ -222,9 +267,13 @@ def _tap(
     tap: FloatArray,
     wo: FloatArray,
     row: FloatArray,
-    n: int,
+    count: int,
+    share: FloatArray,
 ) -> Tap:
-    """One row of the trace, with the quantities that eq. (2) of ``shading`` cancels restored."""
+    """One row of the trace, with the quantities that eq. (2) of ``shading`` cancels restored.
+
+    ``count``: factor 1/count in the weights of the row and of ``tap``.
+    """
     h = tap[:3]
     cos_h = float(wo @ h)
     local = 2.0 * cos_h * h - wo
@@ -232,12 +281,13 @@ def _tap(
     mx, my = lobe.widths
     d = math.exp(-((h[0] / h[2] / mx) ** 2) - (h[1] / h[2] / my) ** 2)
     d /= math.pi * mx * my * h[2] ** 4
-    pdf_wh = d / (n * tap[3])
+    pdf_wh = d / (count * tap[3])
     kept = bool(row[0])
     pdf_wi = pdf_wh / (4.0 * cos_h) if cos_h > 0.0 else 0.0
     cos_i = abs(float(local[2])) if kept else 0.0
-    weight = row[10:13]
-    brdf = weight * n * pdf_wi / cos_i if kept and cos_i > 0.0 else np.zeros(3)
+    whole = row[10:13] * count  # brdf cos_i / pdf_wi
+    brdf = whole * pdf_wi / cos_i if kept and cos_i > 0.0 else np.zeros(3)
+    weight = share * whole
     return Tap(
         lobe=j,
         index=k,
@@ -252,6 +302,7 @@ def _tap(
         brdf=_vector(brdf),
         pdf_wh=pdf_wh,
         pdf_wi=pdf_wi,
+        share=_vector(share),
         weight=_vector(weight),
         contribution=_vector(row[6:9] * weight),
     )

@@ -99,6 +99,17 @@ def test_reference_writes_its_error_beside_the_picture(
     assert value["rms_error"] == pytest.approx(rms, rel=1e-5)  # the file is float32
 
 
+def test_trace_of_the_thesis_method(capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--method", "thesis", "--estimator", "4.23", "--kind", "ring", "--samples", "9"]
+    value = report(capsys, "trace", *SMALL, "--pixel", "5,4", *options)
+    assert len(value["taps"]) == 9
+    kept = [tap for tap in value["taps"] if tap["kept"]]
+    total = np.sum([tap["pdf_wi"] for tap in kept])
+    assert np.allclose(value["normaliser"], [[total] * 3], rtol=1e-6)
+    assert np.allclose([tap["share"][0] for tap in kept], [t["pdf_wi"] / total for t in kept],
+                       rtol=1e-5)  # fmt: skip
+
+
 def test_trace_lists_every_tap(capsys: pytest.CaptureFixture[str]) -> None:
     value = report(capsys, "trace", *SMALL, "--pixel", "5,4", "--samples", "14")
     assert value["pixel"] == [5, 4]

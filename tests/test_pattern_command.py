@@ -31,6 +31,8 @@ def test_json_to_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
         ("--mx .15 --circles 2", 14, "regular"),
         ("--mx .15 --method importance", 40, "importance"),
         ("--mx .15 --method importance --samples 7", 7, "importance"),
+        ("--mx .15 --method thesis", 7, "thesis"),
+        ("--mx .15 --method thesis --kind multi-ring --samples 10 --threshold .02", 10, "thesis"),
     ],
 )
 def test_counts(line: str, count: int, method: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -89,6 +91,8 @@ def test_a_picture_needs_a_lobe(tmp_path: pathlib.Path) -> None:
             "--mx .2 --method importance --circles 3",
             "--circles: has no meaning with --method importance",
         ),
+        ("--mx .2 --method thesis --spacing s1", "--spacing: has no meaning with --method thesis"),
+        ("--mx .2 --kind ring", "--kind: has no meaning with --method regular"),
         ("--mx .2 --plot p.xyz", "plot: must end in .png, .pdf or .svg, got 'p.xyz'"),
         ("--mx .2 -o no/such/folder/p.json", "no/such/folder/p.json: its folder does not exist"),
     ],

@@ -43,6 +43,18 @@ def test_a_scene_is_its_parts() -> None:
     assert rendering.samples == [7]
 
 
+def test_the_thesis_method_with_its_own_options() -> None:
+    scene = small(method="thesis", samples=9, options={"estimator": "4.24", "kind": "ring"})
+    pyramid = build_pyramid(scene.environment.load())
+    points, material = scene.points(), scene.load_material()
+    expected = shade(points, material, pyramid, "thesis", samples=9, estimator="4.24", kind="ring")
+    rendering = render_scene(scene)
+    assert np.array_equal(rendering.image[points.coverage], expected[points.coverage])
+    assert rendering.samples == [9]
+    found = trace_pixel(scene, 6, 4)
+    assert found.difference <= tolerances.SINGLE * max(found.trace.radiance)
+
+
 def test_background_is_the_environment_at_level_0_or_black() -> None:
     scene = small()
     camera, seen = scene.view(), scene.points().coverage

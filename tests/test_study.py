@@ -37,13 +37,15 @@ def test_thresholds_are_the_papers_at_its_counts() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["regular", "regular/thesis", "regular/jacobian/projected", "importance"]
+    "text",
+    ["regular", "regular/thesis", "regular/jacobian/projected", "importance", "thesis/paper/4.24"],
 )
 def test_methods_are_read_as_they_are_written(text: str) -> None:
     assert parse_method(text).label == text
 
 
-@pytest.mark.parametrize("text", ["magic", "regular/x", "regular/paper/x", "a/b/c/d", ""])
+@pytest.mark.parametrize("text", ["magic", "regular/x", "regular/paper/x", "regular/paper/4.24",
+                                  "thesis/thesis/paper", "a/b/c/d", ""])  # fmt: skip
 def test_unknown_methods_are_refused(text: str) -> None:
     with pytest.raises(ValueError, match="must be"):
         parse_method(text)

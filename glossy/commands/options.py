@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ..scene import Scene
 
-METHOD_OPTIONS = ("threshold", "filter", "footprint", "normalisation", "bias", "precision")
+METHOD_OPTIONS = (
+    "threshold", "filter", "footprint", "normalisation", "estimator", "kind", "bias", "precision",
+)  # fmt: skip
 
 
 def add_scene_arguments(parser: argparse.ArgumentParser, gbuffer: bool = True) -> None:
@@ -79,6 +81,10 @@ def add_method_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--footprint", metavar="NAME", help="paper, thesis or jacobian")
     group.add_argument("--normalisation", metavar="NAME", help="paper or projected")
+    group.add_argument("--estimator", metavar="NAME", help="thesis: 4.23, 4.24 or 4.25 (4.25)")
+    group.add_argument(
+        "--kind", metavar="NAME", help="thesis: auto, ring, line, multi-ring or blend (auto)"
+    )
     group.add_argument("--bias", type=float, metavar="B", help="added to the level (default 0)")
     group.add_argument("--precision", choices=("single", "double"), help="arithmetic (single)")
 

@@ -10,12 +10,19 @@ if TYPE_CHECKING:
 
 PICTURES = (".png", ".pdf", ".svg")
 FORMATS = ("json", "csv", "glsl", "hlsl", "wgsl")
+OWN = {
+    "regular": ("samples", "circles", "spacing", "threshold"),
+    "importance": ("samples",),
+    "thesis": ("samples", "kind", "threshold"),
+}
+"""The arguments that mean something to each method."""
 
 EXAMPLE = """\
 examples:
   glossy pattern --mx 0.2 --my 0.075 --samples 17 --threshold 0.2 --format glsl
   glossy pattern --mx 0.15 --circles 3 --spacing s1 -o pattern.json --plot pattern.png
   glossy pattern --mx 0.15 --method importance --samples 40 -o pattern.hlsl
+  glossy pattern --mx 0.01 --my 0.14 --method thesis --kind line --samples 7
 """
 
 
@@ -31,19 +38,28 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     parser.add_argument("--mx", type=float, required=True, help="roughness along the tangent")
     parser.add_argument("--my", type=float, help="roughness along the bitangent (default mx)")
-    parser.add_argument("--method", choices=("regular", "importance"), default="regular")
+    parser.add_argument("--method", choices=tuple(OWN), default="regular")
     parser.add_argument(
         "--samples",
         type=int,
         metavar="N",
-        help="regular: the nearest count there is (default 20); importance: exact (default 40)",
+        help="regular: the nearest count there is (default 20); others: exact (importance 40, "
+        "thesis 7)",
     )
     parser.add_argument("--circles", type=int, metavar="N", help="regular: instead of --samples")
     parser.add_argument(
         "--spacing", choices=("s1", "s2"), help="with --circles: pole or ring of four (default s2)"
     )
     parser.add_argument(
-        "--threshold", type=float, metavar="X", help="regular: where the lobe ends (default 0.1)"
+        "--threshold",
+        type=float,
+        metavar="X",
+        help="where the lobe ends (regular 0.1, thesis 0.01)",
+    )
+    parser.add_argument(
+        "--kind",
+        choices=("auto", "ring", "line", "multi-ring", "blend"),
+        help="thesis: the arrangement (default auto: ring, or line for long lobes)",
     )
     parser.add_argument(
         "--format", choices=FORMATS, help="default: the suffix of the output file, else json"
@@ -72,17 +88,20 @@ def run(args: argparse.Namespace) -> int:
 
 def _make(args: argparse.Namespace) -> "Pattern":
     from ..pattern import importance_pattern, pattern_for_budget, regular_pattern
+    from ..thesis_pattern import thesis_pattern
 
     lobe = (args.mx, args.mx if args.my is None else args.my)
     options: dict[str, Any] = {
         name: getattr(args, name)
-        for name in ("samples", "circles", "spacing", "threshold")
+        for name in ("samples", "circles", "spacing", "threshold", "kind")
         if getattr(args, name) is not None
     }
+    foreign = [name for name in options if name not in OWN[args.method]]
+    if foreign:
+        raise ValueError(f"--{foreign[0]}: has no meaning with --method {args.method}")
+    if args.method == "thesis":
+        return thesis_pattern(lobe, **options)
     if args.method == "importance":
-        foreign = [name for name in options if name != "samples"]
-        if foreign:
-            raise ValueError(f"--{foreign[0]}: has no meaning with --method importance")
         return importance_pattern(lobe, **options)
     if "circles" in options:
         if "samples" in options:

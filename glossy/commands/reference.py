@@ -46,8 +46,9 @@ def run(args: argparse.Namespace) -> int:
     options.check_output(args.output, (".exr", ".hdr", ".png"))
     wanted = {"samples": args.samples, "tolerance": args.tolerance, "seed": args.seed}
     args.samples = None  # of the estimator here, not of a method
+    estimator, args.estimator = args.estimator, None  # of the truth, not of a method
     scene = options.scene_from(args)
-    rendering = render_reference(scene, estimator=args.estimator, **wanted)
+    rendering = render_reference(scene, estimator=estimator, **wanted)
     exposed = {}
     if str(args.output).lower().endswith(".exr") and args.exposure is None:
         channels = {name: rendering.image[..., k] for k, name in enumerate("RGB")}

@@ -8,10 +8,11 @@ EXAMPLE = """\
 examples:
   glossy study -o out
   glossy study --env room.hdr --size 512 --material mx=.2,my=.075 -o out
-  glossy study --methods regular/paper,importance --samples 14,30,270 -o out
+  glossy study --methods regular/paper,importance,thesis --samples 14,30,270 -o out
   glossy study --resume -o out          continue after an interruption
 
-A method is NAME or NAME/FOOTPRINT or NAME/FOOTPRINT/NORMALISATION. DIR receives report.md,
+A method is NAME or NAME/FOOTPRINT or NAME/FOOTPRINT/VARIANT; the variant is the normalisation of
+regular or the estimator of thesis, as in thesis/thesis/4.24. DIR receives report.md,
 study.json, study.csv, speed.png, the pictures, and cells/ with one file per finished measurement.
 """
 

@@ -215,8 +215,9 @@ class Study:
 
         threshold = threshold_for(budget)
         own = dict(method.options)
-        if "threshold" in methods.options(method.name):
-            own["threshold"] = threshold
+        known = methods.options(method.name)
+        if "threshold" in known:  # the schedule is the paper's; the thesis's ring goes with its own
+            own["threshold"] = known["threshold"] if method.name == "thesis" else threshold
         reached = actual_samples(case.material, "regular", budget, threshold)
         same = method.name == "regular"
         own["samples"] = budget if same else round(float(np.mean(reached)))

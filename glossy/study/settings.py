@@ -32,26 +32,30 @@ def threshold_for(budget: int) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class MethodSpec:
-    """A method with its footprint and normalisation, written ``name/footprint/normalisation``."""
+    """A method with its footprint and variant, written ``name/footprint/variant``.
+
+    The variant is the normalisation of ``regular`` or the estimator of ``thesis``.
+    """
 
     name: str
     footprint: str | None = None
-    normalisation: str | None = None
+    variant: str | None = None
 
     @property
     def label(self) -> str:
         """The text that ``parse_method`` reads back."""
-        return "/".join(p for p in (self.name, self.footprint, self.normalisation) if p)
+        return "/".join(p for p in (self.name, self.footprint, self.variant) if p)
 
     @property
     def options(self) -> dict[str, Any]:
         """Options of ``shade`` that the spec fixes."""
-        named = {"footprint": self.footprint, "normalisation": self.normalisation}
+        variant = "estimator" if self.name == "thesis" else "normalisation"
+        named = {"footprint": self.footprint, variant: self.variant}
         return {k: v for k, v in named.items() if v is not None}
 
 
 def parse_method(text: str) -> MethodSpec:
-    """A method from ``name``, ``name/footprint`` or ``name/footprint/normalisation``.
+    """A method from ``name``, ``name/footprint`` or ``name/footprint/variant``.
 
     Raises
     ------
@@ -61,16 +65,18 @@ def parse_method(text: str) -> MethodSpec:
     from .. import methods
     from ..footprint import FOOTPRINTS
     from ..shading import NORMALISATIONS
+    from ..thesis import ESTIMATORS
 
     parts = text.strip().split("/")
     if len(parts) > 3:
-        raise _check.fail("methods", "must be name[/footprint[/normalisation]]", text)
+        raise _check.fail("methods", "must be name[/footprint[/variant]]", text)
     spec = MethodSpec(*parts)
     methods.check_options(spec.name, spec.options)
     if spec.footprint is not None:
         _check.choice(f"methods: {text}", spec.footprint, FOOTPRINTS)
-    if spec.normalisation is not None:
-        _check.choice(f"methods: {text}", spec.normalisation, NORMALISATIONS)
+    if spec.variant is not None:
+        variants = ESTIMATORS if spec.name == "thesis" else NORMALISATIONS
+        _check.choice(f"methods: {text}", spec.variant, variants)
     return spec
 
 
