@@ -24,7 +24,7 @@ PAPER = {
     ("gauss4", 256): 0.52, ("gauss4", 512): 1.23, ("gauss4", 1024): 3.86,
     ("gauss6", 256): 0.65, ("gauss6", 512): 1.77, ("gauss6", 1024): 5.97,
 }  # fmt: skip
-PEERS = {"box": "INTER_AREA", "gauss4": None, "gauss6": "pyrDown"}
+PEERS = {"box": "INTER_AREA", "gauss4": None, "gauss6": "pyrDown", "round": None}
 
 
 def opencv_chains(faces: Any) -> dict[str, Callable[[], None]]:
@@ -62,13 +62,14 @@ def measure(size: int, rounds: int) -> dict[str, list[float]]:
     cube = glossy.CubeMap(faces)
     target = np.empty_like(faces)
     contenders: dict[str, Callable[[], object]] = {"copy": lambda: np.copyto(target, cube.faces)}
+    pyramids: dict[str, glossy.Pyramid] = {}
     for filter in PEERS:
-        pyramid = glossy.build_pyramid(cube, filter=filter)
-        contenders[filter] = functools.partial(pyramid._reduce, cube.faces)
+        pyramids[filter] = glossy.build_pyramid(cube, filter=filter)
+        contenders[filter] = functools.partial(pyramids[filter]._reduce, cube.faces)
     contenders |= opencv_chains(faces)
     contenders["check"] = functools.partial(glossy.CubeMap, faces)
-    contenders["pack"] = functools.partial(pyramid._store_base, cube.faces)
-    contenders["update"] = functools.partial(pyramid.update, cube)
+    contenders["pack"] = functools.partial(pyramids["gauss6"]._store_base, cube.faces)
+    contenders["update"] = functools.partial(pyramids["gauss6"].update, cube)
     return common.interleaved(contenders, rounds)
 
 

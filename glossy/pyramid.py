@@ -6,6 +6,9 @@ Table 1; the binomial weights are our reading of "Gauss 4 x 4" and "6 x 6")::
     box     [1 1]/2
     gauss4  [1 3 3 1]/8
     gauss6  [1 5 10 10 5 1]/32
+    round   8 x 8 weights of its own for every texel: taps round on the sphere (``round_weights``)
+
+How wide a tap is, and which level has a given width: ``taps``.
 
 Kernels reach across face edges into the neighbour face (``seams``); the lookup is ``sampler``.
 
@@ -26,10 +29,11 @@ from . import _check
 from ._jit import Scalar, kernel, parallel_kernel
 from ._rows import LANES, LINE, OUTPUT_ROWS, halve_rows, quarter_rgb
 from .cubemap import MAX_SIZE, CubeMap
+from .round_filter import reduce_round
 from .sampler import sample_chain
 from .seams import PAD, fold_table, k_fill_seams
 
-FILTERS = ("box", "gauss4", "gauss6")
+FILTERS = ("box", "gauss4", "gauss6", "round")
 STORAGES = ("rgba32f", "rgba16f")
 HALF_MAX = 65504.0
 LEVEL_ROUNDINGS = ("even", "opengl")
@@ -250,9 +254,8 @@ class Pyramid:
         if self.storage == "rgba32f":
             self._reduce(faces)
         else:
-            weights = WEIGHTS[str(self.filter)]
             for i in range(1, len(self._padded)):
-                _reduce(self._buffer, self._chain, weights, fold_table(), i, i)
+                self._make_levels(i, i)
                 over += self._to_half(i)
         return over
 
@@ -271,12 +274,20 @@ class Pyramid:
 
     def _reduce(self, faces: Float32Array) -> None:
         """Levels from 1 on; ``faces`` are what the first level was filled from."""
-        buffer, chain, table = self._buffer, self._chain, fold_table()
-        first = 1
+        buffer, first = self._buffer, 1
         if self.filter == "box" and self.size >= LANES and buffer.ctypes.data % LINE == 0:
-            _quarter(faces, buffer, chain, table)
+            _quarter(faces, buffer, self._chain, fold_table())
             first = 3
-        _reduce(buffer, chain, WEIGHTS[str(self.filter)], table, first, len(self._padded) - 1)
+        self._make_levels(first, len(self._padded) - 1)
+
+    def _make_levels(self, first: int, last: int) -> None:
+        """Levels ``first`` to ``last``, each from the one before."""
+        filter, table = str(self.filter), fold_table()
+        if filter in WEIGHTS:
+            _reduce(self._buffer, self._chain, WEIGHTS[filter], table, first, last)
+            return
+        for i in range(first, last + 1):
+            reduce_round(self._padded[i - 1], self._padded[i], table, deltas=i == 1)
 
     @staticmethod
     def _warn_clamped(over: int) -> None:
@@ -381,8 +392,9 @@ def build_pyramid(cube: CubeMap, filter: str = "gauss6", storage: str = "rgba32f
     ----------
     cube : CubeMap
         Its size must be a power of two.
-    filter : "box", "gauss4" or "gauss6"
-        Kernel per axis before decimation by two.
+    filter : "box", "gauss4", "gauss6" or "round"
+        Kernel per axis before decimation by two; "round" weighs each texel's neighbourhood by
+        itself.
     storage : "rgba32f" or "rgba16f"
         ``rgba16f`` rounds each level to half floats before the next is made from it, as a renderer
         that draws into a half-float texture does.

@@ -36,7 +36,7 @@ def halved(level: FloatArray, taps: list[int]) -> FloatArray:
 
 
 @pytest.mark.parametrize("size", [16, 32, 256])
-@pytest.mark.parametrize("filter", FILTERS)
+@pytest.mark.parametrize("filter", TAPS)
 def test_wide_loops_agree_with_their_twin(filter: str, size: int) -> None:
     levels = glossy.build_pyramid(random_cube(size), filter=filter).levels
     for fine, coarse in itertools.pairwise(levels):
