@@ -3,11 +3,28 @@
 import pathlib
 
 from .. import _check
+from .cornell import read_cornell
+from .klems import read_klems
+from .merl import read_merl
+from .rgl import read_rgl
 from .table import MeasuredTable
 from .text import read_text_table
 
-FORMATS = {".txt": "text", ".dat": "text"}
-READERS = {"text": read_text_table}
+FORMATS = {
+    ".txt": "text",
+    ".dat": "text",
+    ".brdf": "cornell",
+    ".bsdf": "rgl",
+    ".xml": "klems",
+    ".binary": "merl",
+}
+READERS = {
+    "text": read_text_table,
+    "cornell": read_cornell,
+    "rgl": read_rgl,
+    "klems": read_klems,
+    "merl": read_merl,
+}
 
 
 def read_measured(path: str | pathlib.Path, format: str | None = None) -> MeasuredTable:
@@ -17,7 +34,9 @@ def read_measured(path: str | pathlib.Path, format: str | None = None) -> Measur
     ----------
     path : path
     format : str, optional
-        ``text``: the thesis's kind of table. Without it the suffix decides (``.txt``, ``.dat``).
+        ``text`` (``.txt``, ``.dat``): the thesis's kind of table; ``cornell`` (``.brdf``):
+        gonioreflectometer spectra; ``rgl`` (``.bsdf``); ``klems`` (``.xml``); ``merl``
+        (``.binary``). Without it the suffix decides.
 
     Returns
     -------
@@ -30,8 +49,13 @@ def read_measured(path: str | pathlib.Path, format: str | None = None) -> Measur
     ValueError
         For an unknown format, or a file that is damaged; one line that names the file.
     """
+    return READERS[measured_format(path, format)](path)
+
+
+def measured_format(path: str | pathlib.Path, format: str | None = None) -> str:
+    """Name of the format, or that of the file's suffix; see `read_measured`."""
     kind = FORMATS.get(pathlib.Path(path).suffix.lower()) if format is None else format
     if kind is None:
         suffixes = ", ".join(FORMATS)
         raise ValueError(f"{path}: must end in {suffixes}, or its format must be named (format)")
-    return READERS[_check.choice("format", kind, READERS)](path)
+    return _check.choice("format", kind, READERS)
