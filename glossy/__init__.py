@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from .camera import Camera, Plane, Sphere, surface_points
     from .cubemap import CubeMap
     from .difference import difference_picture
+    from .energy import Energy, energy
     from .environment import environment, read_environment
     from .frames import SurfacePoints
     from .gbuffer import read_gbuffer
@@ -47,6 +48,7 @@ _WHERE = {
     "Camera": "camera",
     "Comparison": "metrics",
     "CubeMap": "cubemap",
+    "Energy": "energy",
     "Image": "image",
     "Lobe": "brdf",
     "Material": "brdf",
@@ -61,6 +63,7 @@ _WHERE = {
     "build_pyramid": "pyramid",
     "compare": "metrics",
     "difference_picture": "difference",
+    "energy": "energy",
     "environment": "environment",
     "importance_pattern": "pattern",
     "irradiance": "irradiance",
@@ -94,6 +97,7 @@ __all__ = [
     "Camera",
     "Comparison",
     "CubeMap",
+    "Energy",
     "Image",
     "Lobe",
     "Material",
@@ -109,6 +113,7 @@ __all__ = [
     "build_pyramid",
     "compare",
     "difference_picture",
+    "energy",
     "environment",
     "importance_pattern",
     "irradiance",

@@ -49,7 +49,7 @@ def _rule(n: int, beta: float) -> tuple[Float64Array, Float64Array]:
     return x, w * (1.0 - x) ** -beta
 
 
-def _integrals(wo: Float64Array, mx: float, my: float, alpha: float, n: int) -> Float64Array:
+def unit_integrals(wo: Float64Array, mx: float, my: float, alpha: float, n: int) -> Float64Array:
     """Eq. (1) over ks with 1, (1-u)^5 and 1 - (1-u)^5 for F: (k, 3) for wo (k, 3) with c > 0."""
     x, wx = _rule(n, 1.0 - alpha)
     y, wy = _rule(n, 0.0)
@@ -127,7 +127,7 @@ def lobe_albedo(lobe: "Lobe", wo: npt.ArrayLike, transmitted: bool = False) -> F
         parts = [todo[k : k + size] for k in range(0, len(todo), size)]
         if not parts:
             break
-        values = [_integrals(flat[part], mx, my, lobe.alpha, n) for part in parts]
+        values = [unit_integrals(flat[part], mx, my, lobe.alpha, n) for part in parts]
         new = np.concatenate(values)
         moved = np.abs(new - totals[todo]) > TOLERANCE * np.abs(new)
         totals[todo] = new

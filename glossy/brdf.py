@@ -13,7 +13,9 @@ without trigonometry: hx/hz = Hx/Hz, wo.h = |H|/2, cos theta_h = Hz/|H|. For the
 
 Thin transmission (a lobe without refraction or thickness) evaluates (1) at wi mirrored in the
 surface plane, with 1 - F for F. Surfaces are one-sided: wo below the horizon gives zero. kd and the
-reflection lobes act above the horizon, the transmission lobes below it.
+reflection lobes act above the horizon; the transmission lobes and a diffuse transmission, the
+constant BTDF kt_d/pi that the thesis suggests for its foil, below it. With ``kd_falloff`` both
+diffuse terms share what the lobes leave at wo (``energy``, eq. 2).
 
 Source: Kurt, Szirmay-Kalos, Krivanek 2010, as in the regular sampling paper, eqs. 1-7, 10, with the
 quadrant-correct azimuth. Sampling in slopes is its eqs. 6-7 without the detour over angles::
@@ -107,7 +109,9 @@ def k_bsdf(
     if not woz > ZERO or wiz == ZERO:
         return f0, f1, f2
     if wiz > ZERO:
-        f0, f1, f2 = kd[0], kd[1], kd[2]
+        f0, f1, f2 = kd[0, 0], kd[0, 1], kd[0, 2]
+    else:
+        f0, f1, f2 = kd[1, 0], kd[1, 1], kd[1, 2]
     for j in range(lobes.shape[0]):
         z = wiz * lobes[j, 4]
         if z > ZERO:
@@ -305,7 +309,8 @@ class PackedMaterial:
     """A material as the kernels take it; every array of one precision.
 
     ``lobes`` (L, 5): 1/mx, 1/my, 1/(pi mx my), alpha, side (+1 reflection, -1 transmission);
-    ``ks``, ``r0`` (L, 3); ``kd`` (3,): kd / pi. Lobes with ks = 0 are left out.
+    ``ks``, ``r0`` (L, 3); ``kd`` (2, 3): diffuse reflection and transmission over pi, without the
+    factor of ``kd_falloff``. Lobes with ks = 0 are left out.
     """
 
     lobes: FloatArray
@@ -316,23 +321,34 @@ class PackedMaterial:
 
 @dataclasses.dataclass(frozen=True)
 class Material:
-    """Diffuse term plus any number of reflection and thin transmission lobes, eq. (1).
+    """Diffuse terms plus any number of reflection and thin transmission lobes, eq. (1).
 
     Parameters
     ----------
     kd : float or RGB, >= 0
         Diffuse reflectivity.
     reflection, transmission : sequence of Lobe
+    diffuse_transmission : float or RGB, >= 0
+        Diffuse transmissivity: light from below that leaves evenly in all directions.
+    kd_falloff : bool
+        Scale both diffuse terms by the energy that the lobes leave at the viewer's direction,
+        ``energy`` eq. (2). The BSDF is then not reciprocal.
     """
 
     kd: float | Sequence[float] = 0.0
     reflection: Sequence[Lobe] = ()
     transmission: Sequence[Lobe] = ()
+    diffuse_transmission: float | Sequence[float] = 0.0
+    kd_falloff: bool = False
 
     def __post_init__(self) -> None:
-        channels = _check.rgb("kd", self.kd)
-        kd = float(channels[0]) if np.ndim(self.kd) == 0 else tuple(channels.tolist())
-        object.__setattr__(self, "kd", kd)
+        for name in ("kd", "diffuse_transmission"):
+            value = getattr(self, name)
+            channels = _check.rgb(name, value)
+            flat = np.ndim(value) == 0
+            object.__setattr__(self, name, float(channels[0]) if flat else tuple(channels.tolist()))
+        if not isinstance(self.kd_falloff, bool | np.bool_):
+            raise _check.fail("kd_falloff", "must be True or False", self.kd_falloff)
         for name in ("reflection", "transmission"):
             lobes = getattr(self, name)
             lobes = (lobes,) if isinstance(lobes, Lobe) else tuple(lobes)
@@ -347,9 +363,15 @@ class Material:
         return _check.rgb("kd", self.kd)
 
     @property
+    def diffuse_below(self) -> Float64Array:
+        """``diffuse_transmission`` as RGB, (3,)."""
+        return _check.rgb("diffuse_transmission", self.diffuse_transmission)
+
+    @property
     def is_scalar(self) -> bool:
         """True when no parameter depends on the channel."""
-        colours = [self.kd, *(c for lobe in self.lobes for c in (lobe.ks, lobe.r0))]
+        colours = [self.kd, self.diffuse_transmission]
+        colours += [c for lobe in self.lobes for c in (lobe.ks, lobe.r0)]
         return all(np.ndim(c) == 0 for c in colours)
 
     @property
@@ -369,7 +391,7 @@ class Material:
         lobes = np.array([lobe.pack(side) for lobe, side in pairs]).reshape(-1, 5)
         ks = np.array([_check.rgb("ks", lobe.ks) for lobe, _ in pairs]).reshape(-1, 3)
         r0 = np.array([_check.rgb("r0", lobe.r0) for lobe, _ in pairs]).reshape(-1, 3)
-        kd = self.diffuse / math.pi
+        kd = np.stack([self.diffuse, self.diffuse_below]) / math.pi
         return PackedMaterial(*(_check.frozen(a.astype(dtype)) for a in (lobes, ks, r0, kd)))
 
     def eval(self, wi: npt.ArrayLike, wo: npt.ArrayLike, precision: str = "double") -> FloatArray:
@@ -390,8 +412,22 @@ class Material:
         out = np.empty(i.shape, dtype=dtype)
         p = self.pack(dtype)
         a, b = (_check.frozen(v.astype(dtype).reshape(-1, 3)) for v in (i, o))
-        _eval(a, b, p.lobes, p.ks, p.r0, p.kd, out.reshape(-1, 3))
+        kd = _check.frozen(np.zeros_like(p.kd)) if self.kd_falloff else p.kd
+        _eval(a, b, p.lobes, p.ks, p.r0, kd, out.reshape(-1, 3))
+        share = self.diffuse_share(o)
+        if share is not None:
+            up, down = p.kd
+            flat = np.where(i[..., 2:] > 0.0, up, np.where(i[..., 2:] < 0.0, down, 0.0))
+            out += np.where(o[..., 2:] > 0.0, flat * share, 0.0).astype(dtype)
         return out[..., 0].copy() if self.is_scalar else out
+
+    def diffuse_share(self, wo: npt.ArrayLike) -> Float64Array | None:
+        """Factor (..., 3) of ``kd_falloff`` on the diffuse terms, for local wo (..., 3) above."""
+        if not self.kd_falloff:
+            return None
+        from .energy import diffuse_share
+
+        return diffuse_share(self, wo)
 
     def sample(self, xi: npt.ArrayLike, wo: npt.ArrayLike) -> Float64Array:
         """Directions wi (..., 3) of density ``pdf``: a mixture of the lobes and a cosine.
@@ -413,12 +449,13 @@ class Material:
 
         o = _check.unit_vectors("wo", wo)
         sides = []
-        for lobes, kd, transmitted in (
-            (self.reflection, self.diffuse, False),
-            (self.transmission, np.zeros(3), True),
-        ):
-            total = np.where(o[..., 2:] > 0.0, kd, 0.0)
+        for lobes, transmitted in ((self.reflection, False), (self.transmission, True)):
+            total = np.zeros(o.shape)
             for lobe in lobes:
-                total = total + lobe_albedo(lobe, o, transmitted)
-            sides.append(total[..., 0] if self.is_scalar else total)
-        return sides[0], sides[1]
+                total += lobe_albedo(lobe, o, transmitted)
+            sides.append(total)
+        share = np.where(o[..., 2:] > 0.0, 1.0, 0.0)
+        if self.kd_falloff:
+            share = share * np.maximum(1.0 - sides[0] - sides[1], 0.0)
+        up, down = sides[0] + share * self.diffuse, sides[1] + share * self.diffuse_below
+        return (up[..., 0], down[..., 0]) if self.is_scalar else (up, down)

@@ -25,6 +25,7 @@ from .frames import spherical
 
 LOBE_KEYS = tuple(f.name for f in dataclasses.fields(Lobe))
 MATERIAL_KEYS = tuple(f.name for f in dataclasses.fields(Material))
+FLAT_KEYS = tuple(key for key in MATERIAL_KEYS if key not in ("reflection", "transmission"))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,7 +143,8 @@ def parse_material(text: str | pathlib.Path) -> Material:
     ----------
     text : str or Path
         A line describes one reflection lobe (``mx``, ``my``, ``ks``, ``r0``, ``alpha``; needs
-        ``mx``) and ``kd``; or ``kd`` alone. An RGB value is ``r/g/b``.
+        ``mx``), ``kd`` and ``diffuse_transmission``, and ``kd_falloff=1``; the lobe may be left
+        out. An RGB value is ``r/g/b``.
 
     Raises
     ------
@@ -176,11 +178,14 @@ def _from_line(text: str) -> Material:
             raise _check.fail(f"material: {key}", "must be a number or r/g/b", value) from None
         values[key] = channels[0] if len(channels) == 1 else channels
     for key in values:
-        _check.choice("material: key", key, ("kd", *LOBE_KEYS))
-    lobe = {key: value for key, value in values.items() if key != "kd"}
-    return material_from_dict(
-        {"kd": values.get("kd", 0.0), "reflection": [lobe] if lobe else []}, "material"
-    )
+        _check.choice("material: key", key, (*FLAT_KEYS, *LOBE_KEYS))
+    if "kd_falloff" in values:
+        if values["kd_falloff"] not in (0.0, 1.0):
+            raise _check.fail("material: kd_falloff", "must be 0 or 1", text)
+        values["kd_falloff"] = bool(values["kd_falloff"])
+    flat = {key: value for key, value in values.items() if key in FLAT_KEYS}
+    lobe = {key: value for key, value in values.items() if key not in FLAT_KEYS}
+    return material_from_dict({**flat, "reflection": [lobe] if lobe else []}, "material")
 
 
 def _from_file(path: pathlib.Path) -> Material:
@@ -195,7 +200,7 @@ def _from_file(path: pathlib.Path) -> Material:
 
 
 def material_from_dict(value: object, where: str = "material") -> Material:
-    """A material from the contents of a file: ``kd``, lists ``reflection`` and ``transmission``.
+    """A material from the contents of a file: numbers, lists ``reflection`` and ``transmission``.
 
     Raises
     ------
@@ -203,7 +208,11 @@ def material_from_dict(value: object, where: str = "material") -> Material:
         With ``where``, the key, the rule and the value.
     """
     table = _table(value, where, MATERIAL_KEYS)
-    parts: dict[str, Any] = {"kd": _value(table.get("kd", 0.0), f"{where}: kd")}
+    parts: dict[str, Any] = {
+        key: table[key] if key == "kd_falloff" else _value(table[key], f"{where}: {key}")
+        for key in FLAT_KEYS
+        if key in table
+    }
     for side in ("reflection", "transmission"):
         lobes = table.get(side, [])
         if not isinstance(lobes, list):

@@ -1,11 +1,12 @@
-"""Sampling a whole material: a mixture of its lobes' densities and a cosine for the diffuse part.
+"""Sampling a whole material: a mixture of its lobes' densities and cosines for the diffuse parts.
 
 ::
 
-    pdf(wi) = sum_j share_j pdf_j(wi),   share_j = mean ks_j / (sum of all mean ks and kd)   (1)
+    pdf(wi) = sum_j share_j pdf_j(wi),   share_j = mean weight_j / (sum of all)              (1)
 
+with ks of a lobe, kd and the diffuse transmission as weights.
 The first random number also picks the part: within the part's share it is stretched to (0, 1].
-Transmission lobes sample as reflection lobes, then mirror wi in the surface plane.
+Transmission parts sample as reflection parts, then mirror wi in the surface plane.
 """
 
 import math
@@ -21,11 +22,14 @@ Float64Array = npt.NDArray[np.float64]
 
 
 def parts(material: "Material") -> list[tuple[float, "Lobe | None", float]]:
-    """(share, lobe, side) of eq. (1); None is the diffuse part, alone for a black material."""
+    """(share, lobe, side) of eq. (1); None is a diffuse part, alone for a black material."""
     weighed: list[tuple[float, Lobe | None, float]]
     weighed = [(float(np.mean(lobe.ks)), lobe, side) for lobe, side in material.sided_lobes()]
-    if material.diffuse.any() or not weighed:
-        weighed.append((float(material.diffuse.mean()) or 1.0, None, 1.0))
+    for diffuse, side in ((material.diffuse, 1.0), (material.diffuse_below, -1.0)):
+        if diffuse.any():
+            weighed.append((float(diffuse.mean()), None, side))
+    if not weighed:
+        weighed.append((1.0, None, 1.0))
     total = sum(weight for weight, _, _ in weighed)
     return [(weight / total, lobe, side) for weight, lobe, side in weighed]
 
@@ -44,7 +48,8 @@ def sample(material: "Material", xi: Float64Array, wo: Float64Array) -> Float64A
         u[:, 0] = np.clip((u[:, 0] - edges[k]) / share, np.finfo(float).tiny, 1.0)
         if lobe is None:
             r, phi = np.sqrt(1.0 - u[:, 0]), 2.0 * math.pi * u[:, 1]
-            out[here] = np.stack([r * np.cos(phi), r * np.sin(phi), np.sqrt(u[:, 0])], axis=-1)
+            z = side * np.sqrt(u[:, 0])
+            out[here] = np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1)
         else:
             out[here] = lobe.sample(u, wo[here]) * np.array([1.0, 1.0, side])
     return out
@@ -55,7 +60,7 @@ def pdf(material: "Material", wi: Float64Array, wo: Float64Array) -> Float64Arra
     total = np.zeros(wi.shape[:-1])
     for share, lobe, side in parts(material):
         if lobe is None:
-            total += share * np.maximum(wi[..., 2], 0.0) / math.pi
+            total += share * np.maximum(side * wi[..., 2], 0.0) / math.pi
         else:
             total += share * lobe.pdf(wi * np.array([1.0, 1.0, side]), wo)
     return total

@@ -43,6 +43,7 @@ TOLERANCE = 1e-3  # of "texels": the bound; what is missed in fact is some hundr
 WORK = 2_000_000  # of "texels": evaluations per point and lobe
 SAMPLES = 4096  # of "mc" and "qmc"
 MOST_SAMPLES = 1 << 18  # of "mc" and "qmc" with a tolerance
+NO_DIFFUSE: dict[str, Any] = {"kd": 0.0, "diffuse_transmission": 0.0}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -105,7 +106,7 @@ def reference(
     seed : int
         Of ``mc`` and ``qmc``. A point's draws depend on it and on the point's flat index.
     diffuse : bool
-        False leaves kd out.
+        False leaves the diffuse terms out.
 
     Returns
     -------
@@ -212,7 +213,8 @@ def _texels(
 ) -> tuple[Float64Array, Float64Array, IntArray]:
     tree = radiance_tree(cube)
     if isinstance(material, Material):
-        return integrate(frames, views, material.pack(), tree, tolerance, work)
+        share = material.diffuse_share(views)
+        return integrate(frames, views, material.pack(), tree, tolerance, work, share)
     plain = PlainQuadrature(material, cube, tree, tolerance, work)
     value, error = np.zeros((len(views), 3)), np.zeros((len(views), 3))
     used = np.zeros(len(views), dtype=np.int64)
@@ -227,7 +229,7 @@ def _shown(material: Any, diffuse: bool) -> Any:
     if isinstance(material, Lobe):
         material = Material(reflection=[material])
     if isinstance(material, Material):
-        return material if diffuse else dataclasses.replace(material, kd=0.0)
+        return material if diffuse else dataclasses.replace(material, **NO_DIFFUSE)
     missing = [n for n in ("eval", "sample", "pdf") if not callable(getattr(material, n, None))]
     if missing:
         raise _check.fail(

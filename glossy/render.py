@@ -126,16 +126,22 @@ def actual_samples(material: "Material", method: str, samples: int, threshold: f
 
 def diffuse_irradiance(
     material: "Material", cube: "CubeMap", points: "SurfacePoints"
-) -> FloatArray | None:
-    """Irradiance (..., 3) at the points, or None for a material without kd.
+) -> dict[str, FloatArray]:
+    """``irradiance`` and ``irradiance_below`` (..., 3) for ``shade``, those the material needs.
 
     Interpolated in ``irradiance_map``, whose error is stated there.
     """
-    if not material.diffuse.any():
-        return None
+    sides = []
+    if material.diffuse.any():
+        sides.append(("irradiance", 1.0))
+    if material.diffuse_below.any():
+        sides.append(("irradiance_below", -1.0))
+    if not sides:
+        return {}
     from .irradiance import irradiance_map
 
-    return irradiance_map(cube).lookup(points.normal)
+    table = irradiance_map(cube)
+    return {name: table.lookup(side * points.normal) for name, side in sides}
 
 
 def auto_exposure(image: FloatArray, seen: Any) -> float:
@@ -207,7 +213,7 @@ def render_scene(scene: Scene) -> Rendering:
         material,
         prepared,
         method=scene.method,
-        irradiance=diffuse_irradiance(material, cube, points),
+        **diffuse_irradiance(material, cube, points),
         **counted,
         **options,
     )

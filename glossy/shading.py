@@ -420,6 +420,7 @@ def shade(
     method: str = "regular",
     precision: str = "single",
     irradiance: npt.ArrayLike | None = None,
+    irradiance_below: npt.ArrayLike | None = None,
     **options: Any,
 ) -> FloatArray:
     """Radiance towards the viewer from every point, by a real-time method.
@@ -438,6 +439,8 @@ def shade(
     irradiance : (..., 3) array, optional
         Irradiance at the points for the diffuse term kd/pi E. A material with kd > 0 without it
         is warned about.
+    irradiance_below : (..., 3) array, optional
+        Irradiance on the other side, for ``diffuse_transmission`` in the same way.
     **options
         The method's own: for ``regular`` samples, threshold, footprint, normalisation, bias,
         pattern, subtexel_bits, kernel.
@@ -457,19 +460,27 @@ def shade(
         material = Material(reflection=[material])
     dtype = _check.dtype_of(precision)
     out: FloatArray = function(points, material, prepared, precision=precision, **options)
-    if material.diffuse.any():
-        if irradiance is None:
+    diffuse = (
+        ("kd", material.diffuse, "irradiance", irradiance),
+        ("diffuse_transmission", material.diffuse_below, "irradiance_below", irradiance_below),
+    )
+    for name, weight, source, given in diffuse:
+        if not weight.any():
+            continue
+        if given is None:
             message = (
-                "material has kd > 0 but no irradiance was given: the diffuse term is left out"
+                f"material has {name} > 0 but no {source} was given: the diffuse term is left out"
             )
             warnings.warn(message, stacklevel=2)
-        else:
-            e = _check.array("irradiance", irradiance)
-            try:
-                e = np.broadcast_to(e, (*points.shape, 3))
-            except ValueError:
-                rule = f"must broadcast to {(*points.shape, 3)}"
-                raise _check.fail("irradiance", rule, e.shape) from None
-            front = points.coverage & (np.sum(points.view * points.normal, axis=-1) > 0.0)
-            out += np.where(front[..., None], material.diffuse / math.pi * e, 0.0).astype(dtype)
+            continue
+        e = _check.array(source, given)
+        try:
+            e = np.broadcast_to(e, (*points.shape, 3))
+        except ValueError:
+            rule = f"must broadcast to {(*points.shape, 3)}"
+            raise _check.fail(source, rule, e.shape) from None
+        front = points.coverage & (np.sum(points.view * points.normal, axis=-1) > 0.0)
+        share = material.diffuse_share(points.local_view)
+        light = weight / math.pi * e if share is None else weight / math.pi * share * e
+        out += np.where(front[..., None], light, 0.0).astype(dtype)
     return out

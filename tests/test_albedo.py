@@ -94,7 +94,7 @@ def test_mirrors_have_the_albedo_of_the_mirror_direction(m: float, alpha: float)
 def test_the_quadrature_has_converged(m: tuple[float, float], alpha: float, z: float) -> None:
     """Against the largest rule, every term by itself."""
     wo = grazing(z)
-    finest = albedo._integrals(wo[None], *m, alpha, albedo.NODES[-1])[0]
+    finest = albedo.unit_integrals(wo[None], *m, alpha, albedo.NODES[-1])[0]
     terms = {1.0: finest[0], 0.0: finest[1]}
     for r0, expected in terms.items():
         value = lobe_albedo(Lobe(*m, r0=r0, alpha=alpha), wo)[0]

@@ -471,12 +471,14 @@ def integrate(
     tree: RadianceTree,
     tolerance: float,
     work: int,
+    share: Float64Array | None = None,
 ) -> tuple[Float64Array, Float64Array, IntArray]:
     """Outgoing radiance (K, 3), its bound (K, 3) and the BSDF evaluations spent (K,).
 
     ``frames`` (K, 3, 3): tangent, bitangent, normal in world coordinates; ``views`` (K, 3): local
     directions to the viewer. Every lobe is integrated for itself to ``tolerance``, the sum over the
-    channels of the error against that of the result; ``work`` caps its evaluations.
+    channels of the error against that of the result; ``work`` caps its evaluations. ``share``
+    (K, 3) scales the diffuse terms at each point.
     """
     count = len(views)
     radiance, bound = np.zeros((count, 3)), np.zeros((count, 3))
@@ -484,16 +486,18 @@ def integrate(
     level0 = tree.mass[:6].sum(axis=0) / (4.0 * math.pi)
     frames, views = _check.frozen(frames), _check.frozen(views)
     jobs = []
-    if np.any(material.kd > 0.0):
-        flat = np.array([1.0, 1.0, 1.0, 0.0, 1.0])
-        jobs.append((flat, True, material.kd, np.zeros(3), material.kd * math.pi))
+    for kd, side in zip(material.kd, (1.0, -1.0), strict=True):
+        if np.any(kd > 0.0):
+            flat = np.array([1.0, 1.0, 1.0, 0.0, side])
+            jobs.append((flat, True, kd, np.zeros(3), kd * math.pi))
+    last_diffuse = len(jobs)
     for lobe, ks, r0 in zip(material.lobes, material.ks, material.r0, strict=True):
         rest = ks * (1.0 - r0)
         if lobe[4] > 0.0:
             jobs.append((lobe, False, ks * r0, rest, ks))
         else:
             jobs.append((lobe, False, rest, -rest, ks))
-    for lobe, diffuse, plain, schlick, albedo in jobs:
+    for done, (lobe, diffuse, plain, schlick, albedo) in enumerate(jobs, start=1):
         floor = FLOOR * float(albedo @ level0)
         _integrate(
             frames,
@@ -516,4 +520,7 @@ def integrate(
             bound,
             evaluations,
         )
+        if share is not None and done == last_diffuse:
+            radiance *= share
+            bound *= share
     return radiance, bound, evaluations
