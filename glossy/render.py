@@ -126,7 +126,7 @@ def actual_samples(material: "Material", method: str, samples: int, threshold: f
 
 def diffuse_irradiance(
     material: "Material", cube: "CubeMap", points: "SurfacePoints"
-) -> dict[str, FloatArray]:
+) -> dict[str, Any]:
     """``irradiance`` and ``irradiance_below`` (..., 3) for ``shade``, those the material needs.
 
     Interpolated in ``irradiance_map``, whose error is stated there.

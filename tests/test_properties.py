@@ -96,8 +96,7 @@ def test_the_three_truths_agree(
 ) -> None:
     """They share the lookup and the BSDF only: any lobe, view and side."""
     lobe = glossy.Lobe(mx, my, alpha=alpha, r0=0.2)
-    side = "transmission" if through else "reflection"
-    material = glossy.Material(0.2, **{side: [lobe]})
+    material = glossy.Material(0.2, [] if through else [lobe], [lobe] if through else [])
     p, cube = plain_truth.point(seed, cosine), noise(seed)
     bound = glossy.reference(p, material, cube)
     for kind in ("mc", "qmc"):

@@ -55,7 +55,7 @@ def test_dense_samples_tend_to_the_truth_below_the_surface(method: str, side: st
 
 
 def _up(p: SurfacePoints) -> Array:
-    return np.sum(p.view * p.normal, axis=-1, keepdims=True) * p.normal
+    return np.asarray(np.sum(p.view * p.normal, axis=-1, keepdims=True) * p.normal)
 
 
 @pytest.mark.parametrize("method", ["regular", "importance"])
@@ -110,7 +110,7 @@ def test_shading_adds_the_diffuse_light_of_both_sides(falloff: bool) -> None:
         kd_falloff=falloff,
     )
     p = points(7, 12)
-    light = {
+    light: dict[str, Any] = {
         "irradiance": glossy.irradiance(cube, p.normal),
         "irradiance_below": glossy.irradiance(cube, -p.normal),
     }

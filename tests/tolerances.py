@@ -62,7 +62,7 @@ GBUFFER_SINGLE = 1e-4
 """A picture from float32 vectors: 6e-8 of direction over texels of 0.1, contrasts of 100."""
 
 DENSE_TRANSMISSION = 0.01
-"""600 taps of a lobe, filtered, on a map that changes slowly: the pyramid's blur and the cut tail."""
+"""600 filtered taps of a lobe on a map that changes slowly: the blur and the cut tail."""
 
 MIDPOINT_400 = 2e-3
 """Midpoint sums over 400 x 400 cells of a face, lobes of m = 0.2 and the horizon's step."""
