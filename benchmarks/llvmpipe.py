@@ -1,7 +1,8 @@
-"""The same shader on Mesa's software GPU: OpenGL 4.5 on llvmpipe, float32 cube map, seamless."""
+"""Shaders on Mesa's software GPU: OpenGL 4.5 on llvmpipe, float32 cube map, seamless."""
 
 import ctypes
 import importlib
+import os
 from typing import Any
 
 import numpy as np
@@ -68,18 +69,17 @@ FRESNEL = """
 """
 
 
-class Shader:
-    """One full-screen pass over a G-buffer: ``run`` draws and waits, ``read`` returns the frame."""
+class Pass:
+    """One full-screen pass over a G-buffer: ``run`` draws and waits, ``read`` returns the frame.
+
+    ``levels``: faces of every level; ``gbuffer``: normals, tangents and views (H, W, 3), the
+    samplers ``normals``, ``tangents``, ``views`` of ``fragment`` beside the cube map ``env``.
+    """
 
     def __init__(
-        self,
-        levels: list[Array],
-        gbuffer: tuple[Array, Array, Array],
-        taps: Array,
-        sines: tuple[float, float],
-        r0: float,
-        alpha: float,
+        self, levels: list[Array], gbuffer: tuple[Array, Array, Array], fragment: str
     ) -> None:
+        os.environ["LIBGL_ALWAYS_SOFTWARE"] = "1"
         moderngl: Any = importlib.import_module("moderngl")
         egl = ctypes.CDLL("libEGL.so.1")
         egl.eglGetProcAddress.restype = ctypes.c_void_p
@@ -88,9 +88,8 @@ class Shader:
         height, width = gbuffer[0].shape[:2]
         self._shape = height, width
         self._frame = self.context.simple_framebuffer((width, height), components=4, dtype="f4")
-        general = FRESNEL if r0 != 1.0 or alpha != 0.0 else ""
-        source = FRAGMENT.replace("TAPS", str(len(taps))).replace("GENERAL", general)
-        program = self.context.program(vertex_shader=VERTEX, fragment_shader=source)
+        program = self.context.program(vertex_shader=VERTEX, fragment_shader=fragment)
+        self.program = program
         self._cube(levels)
         for unit, (name, data) in enumerate(
             zip(("normals", "tangents", "views"), gbuffer, strict=True), start=1
@@ -103,12 +102,6 @@ class Shader:
             program[name].value = unit
             setattr(self, f"_{name}", texture)
         program["env"].value = 0
-        program["taps"].write(np.ascontiguousarray(taps[:, :4], dtype=np.float32).tobytes())
-        program["spread"].value = float(taps[0, 4])
-        program["sines"].value = sines
-        for name, value in (("r0", r0), ("alpha", alpha)):
-            if name in program:
-                program[name].value = value
         corners = np.array([-1, -1, 3, -1, -1, 3], dtype=np.float32)
         vertices = self.context.buffer(corners.tobytes())
         self._pass = self.context.vertex_array(program, [(vertices, "2f", "at")])
@@ -153,3 +146,31 @@ class Shader:
         """The frame (H, W, 3)."""
         raw = np.frombuffer(self._frame.read(components=4, dtype="f4"), dtype=np.float32)
         return raw.reshape(*self._shape, 4)[..., :3]
+
+    def release(self) -> None:
+        """Give the context back."""
+        self.context.release()
+
+
+class Shader(Pass):
+    """The regular method, its numbers as uniforms."""
+
+    def __init__(
+        self,
+        levels: list[Array],
+        gbuffer: tuple[Array, Array, Array],
+        taps: Array,
+        sines: tuple[float, float],
+        r0: float,
+        alpha: float,
+    ) -> None:
+        general = FRESNEL if r0 != 1.0 or alpha != 0.0 else ""
+        fragment = FRAGMENT.replace("TAPS", str(len(taps))).replace("GENERAL", general)
+        super().__init__(levels, gbuffer, fragment)
+        program = self.program
+        program["taps"].write(np.ascontiguousarray(taps[:, :4], dtype=np.float32).tobytes())
+        program["spread"].value = float(taps[0, 4])
+        program["sines"].value = sines
+        for name, value in (("r0", r0), ("alpha", alpha)):
+            if name in program:
+                program[name].value = value

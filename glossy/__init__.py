@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .difference import difference_picture
     from .energy import Energy, energy
     from .environment import environment, read_environment
+    from .export.shader import export_shader
     from .frames import SurfacePoints
     from .gbuffer import read_gbuffer
     from .image import Image, read_image, write_exr, write_image
@@ -65,6 +66,7 @@ _WHERE = {
     "difference_picture": "difference",
     "energy": "energy",
     "environment": "environment",
+    "export_shader": "export.shader",
     "importance_pattern": "pattern",
     "irradiance": "irradiance",
     "irradiance_map": "irradiance",
@@ -115,6 +117,7 @@ __all__ = [
     "difference_picture",
     "energy",
     "environment",
+    "export_shader",
     "importance_pattern",
     "irradiance",
     "irradiance_map",

@@ -165,7 +165,7 @@ class Pattern:
         ValueError
             For an unknown format.
         """
-        from .pattern_export import export
+        from .export.tables import export
 
         return export(self, form, path)
 

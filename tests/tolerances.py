@@ -6,6 +6,9 @@ ROUNDOFF = 1e-12
 SINGLE = 4e-6
 """float32: a few dozen operations at 6e-8."""
 
+SHADER = 1e-4
+"""A shader's picture against shade in float32: a GPU's log2 and texture fractions are its own."""
+
 INTERSECTION = 1e-6
 """float64: sphere hits near the silhouette cancel in a square root, sqrt(2.2e-16) times 40."""
 

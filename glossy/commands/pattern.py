@@ -6,7 +6,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ..pattern import Pattern
+    from ..pattern import Pattern, Widths
 
 PICTURES = (".png", ".pdf", ".svg")
 FORMATS = ("json", "csv", "glsl", "hlsl", "wgsl")
@@ -17,11 +17,15 @@ OWN = {
 }
 """The arguments that mean something to each method."""
 
+SHADERS = ("glsl", "hlsl", "wgsl")
+SHADER_OPTIONS = ("footprint", "estimator", "normalisation", "bias", "name")
+
 EXAMPLE = """\
 examples:
   glossy pattern --mx 0.2 --my 0.075 --samples 17 --threshold 0.2 --format glsl
+  glossy pattern --material white-foil --samples 20 --footprint thesis --bias -0.5 -o foil.hlsl
   glossy pattern --mx 0.15 --circles 3 --spacing s1 -o pattern.json --plot pattern.png
-  glossy pattern --mx 0.15 --method importance --samples 40 -o pattern.hlsl
+  glossy pattern --mx 0.15 --method importance --samples 40 -o pattern.wgsl
   glossy pattern --mx 0.01 --my 0.14 --method thesis --kind line --samples 7
 """
 
@@ -30,14 +34,21 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     """Add the command to the ``glossy`` parser."""
     parser = subparsers.add_parser(
         "pattern",
-        help="make a sample pattern for a shader",
+        help="make a sample pattern, or the shader of a method",
         description="Half vectors of a lobe in the frame (tangent, bitangent, normal), with the "
-        "density constants of the estimators, as text or as a picture in slope space.",
+        "density constants of the estimators, as text or as a picture in slope space. In a shading "
+        "language, the whole method: constants, a function for each lobe of the material, and "
+        "their sum (docs/shaders.md).",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--mx", type=float, required=True, help="roughness along the tangent")
+    parser.add_argument("--mx", type=float, help="roughness along the tangent")
     parser.add_argument("--my", type=float, help="roughness along the bitangent (default mx)")
+    parser.add_argument(
+        "--material",
+        metavar="M",
+        help="instead of --mx: a published name, a file, or mx=.2,my=.075,r0=1,alpha=0",
+    )
     parser.add_argument("--method", choices=tuple(OWN), default="regular")
     parser.add_argument(
         "--samples",
@@ -64,6 +75,12 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--format", choices=FORMATS, help="default: the suffix of the output file, else json"
     )
+    shader = parser.add_argument_group("shader (glsl, hlsl, wgsl)")
+    shader.add_argument("--footprint", metavar="NAME", help="paper, thesis or jacobian")
+    shader.add_argument("--estimator", metavar="EQ", help="thesis: 4.23, 4.24 or 4.25 (default)")
+    shader.add_argument("--normalisation", metavar="NAME", help="regular: paper or projected")
+    shader.add_argument("--bias", type=float, metavar="B", help="added to the level (default 0)")
+    shader.add_argument("--name", help="start of every name in the shader (default glossy)")
     parser.add_argument("-o", "--output", metavar="FILE", help="default: standard output")
     parser.add_argument("--plot", metavar="FILE", help="picture, .png, .pdf or .svg")
     parser.set_defaults(run=run)
@@ -71,26 +88,63 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def run(args: argparse.Namespace) -> int:
     """Print or write the pattern; a file is reported in one line."""
-    pattern = _make(args)
     form = args.format
     if form is None:
         suffix = pathlib.Path(args.output or "").suffix[1:].lower()
         form = suffix if suffix in FORMATS else "json"
+    given = {k: getattr(args, k) for k in SHADER_OPTIONS if getattr(args, k) is not None}
+    if given and form not in SHADERS:
+        raise ValueError(f"--{next(iter(given))}: has no meaning with --format {form}")
+    lobes = _lobes(args)
+    if len(lobes) != 1 and (form not in SHADERS or args.plot is not None):
+        rule = f"{form} holds the pattern" if form not in SHADERS else "--plot draws the pattern"
+        raise ValueError(f"--material: {rule} of one lobe, {args.material} has {len(lobes)}")
+    patterns = [_make(args, lobe) for lobe in lobes]
     if args.plot is not None:
-        plot(pattern, args.plot)
-    text = pattern.export(form, args.output)
+        plot(patterns[0], args.plot)
+    if form in SHADERS:
+        text = _shader(args, form, patterns, given)
+    else:
+        text = patterns[0].export(form, args.output)
     if args.output is None:
         sys.stdout.write(text)
     else:
-        print(f"{args.output}: {len(pattern)} half vectors, {form}")
+        count = " + ".join(str(len(pattern)) for pattern in patterns)
+        print(f"{args.output}: {count} half vectors, {form}")
     return 0
 
 
-def _make(args: argparse.Namespace) -> "Pattern":
+def _lobes(args: argparse.Namespace) -> "list[Widths]":
+    """The lobes to sample; without a material a pair of numbers, which needs no compiler."""
+    if args.material is None:
+        if args.mx is None:
+            raise ValueError("--mx: give it, or --material")
+        return [(args.mx, args.mx if args.my is None else args.my)]
+    if args.mx is not None or args.my is not None:
+        raise ValueError("--material: give it or --mx and --my, not both")
+    from ..materials import parse_material
+
+    lobes: list[Widths] = [lobe for lobe, _ in parse_material(args.material).sided_lobes()]
+    if not lobes:
+        raise ValueError(f"--material: must have a glossy lobe, {args.material} has none")
+    return lobes
+
+
+def _shader(
+    args: argparse.Namespace, form: str, patterns: "list[Pattern]", given: dict[str, Any]
+) -> str:
+    from ..brdf import Lobe
+    from ..export.shader import export_shader
+    from ..materials import parse_material
+
+    what = Lobe(args.mx, args.my) if args.material is None else parse_material(args.material)
+    return export_shader(what, form, args.method, pattern=patterns, path=args.output, **given)
+
+
+def _make(args: argparse.Namespace, lobe: "Widths") -> "Pattern":
     from ..pattern import importance_pattern, pattern_for_budget, regular_pattern
     from ..thesis_pattern import thesis_pattern
 
-    lobe = (args.mx, args.mx if args.my is None else args.my)
     options: dict[str, Any] = {
         name: getattr(args, name)
         for name in ("samples", "circles", "spacing", "threshold", "kind")
