@@ -22,7 +22,7 @@ sampling with filtered lookups is Colbert and Krivanek's, with Hammersley points
 import dataclasses
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Self
 
 import numba
@@ -294,6 +294,17 @@ TABLES = {"regular": regular_table, "importance": importance_table}
 # --- methods --------------------------------------------------------------------------------------
 
 
+def chunks(
+    points: SurfacePoints, seen: Int64Array, dtype: type
+) -> Iterator[tuple[Int64Array, tuple[FloatArray, FloatArray, FloatArray]]]:
+    """Some of the points ``seen`` at a time, with normal, tangent, view for the kernels."""
+    vectors = [v.reshape(-1, 3) for v in (points.normal, points.tangent, points.view)]
+    for start in range(0, len(seen), CHUNK):
+        pick = seen[start : start + CHUNK]
+        n, t, v = (_check.frozen(a[pick].astype(dtype)) for a in vectors)
+        yield pick, (n, t, v)
+
+
 def run_table(
     points: SurfacePoints,
     table: TapTable,
@@ -317,10 +328,7 @@ def run_table(
         log_size = np.int32(pyramid.size.bit_length() - 1)
         tiles.shade_tiles(seen, packed, *shared, cast.bias, dtype(math.pi), buffer, log_size, out)
     else:
-        vectors = [v.reshape(-1, 3) for v in (points.normal, points.tangent, points.view)]
-        for start in range(0, len(seen), CHUNK):
-            pick = seen[start : start + CHUNK]
-            n, t, v = (_check.frozen(a[pick].astype(dtype)) for a in vectors)
+        for pick, (n, t, v) in chunks(points, seen, dtype):
             part = np.empty((len(pick), 3), dtype=dtype)
             _shade(
                 n, t, v, *shared, cast.bias, cast.steps, dtype(math.pi), buffer, chain, stride, part

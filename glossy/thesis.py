@@ -13,7 +13,8 @@ All three are a weighted mean of X, what importance sampling takes of one sample
     w = p,  p (wi.n),  f (wi.n);   p = D(wh) (wh.n) / (4 (wo.wh))                         (5)
 
 so for alpha = 0 no pixel is brighter than twice the brightest texel (X < 2 L_mip). In colour, f of
-(3) is that of the channel: each channel has weights of its own when r0 does.
+(3) is that of the channel: each channel has weights of its own when r0 does. ``thesis_tiles`` holds
+the pixel loop once more, laid out for vector units.
 
 Source: thesis, eqs. 4.23-4.25, footprint 4.14-4.17; ``docs/methods.md`` has the limits of dense
 patterns. The weights are scaled by a factor of the pixel and summed in the order of the pattern.
@@ -27,7 +28,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from . import _check
+from . import _check, tiles
 from ._jit import Scalar, kernel, parallel_kernel
 from .brdf import Material
 from .footprint import FOOTPRINTS, JACOBIAN, k_lobe_area
@@ -36,10 +37,11 @@ from .pattern import distribution
 from .pyramid import Pyramid
 from .sampler import k_trilinear_rgb
 from .shading import (
-    CHUNK,
+    KERNELS,
     Patterns,
     Row,
     TapTable,
+    chunks,
     cut_row,
     join_rows,
     k_frame,
@@ -48,9 +50,9 @@ from .shading import (
     patterns_of,
 )
 from .thesis_pattern import thesis_pattern
+from .thesis_tiles import BY_BRDF_COS, BY_PDF, BY_PDF_COS, shade_mean_tiles
 
-ESTIMATORS = ("4.23", "4.24", "4.25")
-BY_PDF, BY_PDF_COS, BY_BRDF_COS = range(3)
+ESTIMATORS = ("4.23", "4.24", "4.25")  # BY_PDF, BY_PDF_COS, BY_BRDF_COS
 
 ZERO, ONE, TWO = (np.float32(v) for v in (0.0, 1.0, 2.0))
 
@@ -190,6 +192,7 @@ def thesis(
     bias: float = 0.0,
     pattern: Patterns = None,
     subtexel_bits: int | None = None,
+    kernel: str = "auto",
 ) -> FloatArray:
     """The thesis's real-time integration, eqs. (1)-(3).
 
@@ -203,8 +206,9 @@ def thesis(
         The thesis's equation; 4.23 shows a line where a sample passes the horizon.
     footprint : "thesis", "paper" or "jacobian"
         Texels per sample, eqs. (3)-(5) of ``footprint``.
-    bias, pattern, subtexel_bits, precision
-        As for ``regular``. Any pattern will do: the density is that of the lobe.
+    bias, pattern, subtexel_bits, kernel, precision
+        As for ``regular``. Any pattern will do: the density is that of the lobe. The vectorised
+        loop also asks for an r0 without colour.
 
     Returns
     -------
@@ -230,18 +234,21 @@ def thesis(
         pattern=pattern,
         subtexel_bits=subtexel_bits,
     ).cast(dtype)
+    grey = bool(np.all(table.r0 == table.r0[:, :1]))
+    tiled = _check.choice("kernel", kernel, KERNELS) == "auto" and grey
     buffer, chain, stride = pyramid.kernel_arguments
-    seen = np.flatnonzero(points.coverage)
-    vectors = [v.reshape(-1, 3) for v in (points.normal, points.tangent, points.view)]
     out: npt.NDArray[Any] = np.zeros((points.coverage.size, 3), dtype=dtype)
-    for start in range(0, len(seen), CHUNK):
-        pick = seen[start : start + CHUNK]
-        n, t, v = (_check.frozen(a[pick].astype(dtype)) for a in vectors)
+    shared = (
+        table.taps, table.first, table.borders, table.lobes, table.ks, table.r0, table.footprint,
+        table.estimator, table.bias,
+    )  # fmt: skip
+    if tiled and tiles.fits(pyramid, dtype, table.steps):
+        seen, packed = points.packed
+        log_size = np.int32(pyramid.size.bit_length() - 1)
+        shade_mean_tiles(seen, packed, *shared, dtype(math.pi), buffer, log_size, out)
+        return out.reshape(*points.shape, 3)
+    for pick, (n, t, v) in chunks(points, np.flatnonzero(points.coverage), dtype):
         part = np.empty((len(pick), 3), dtype=dtype)
-        _shade_mean(
-            n, t, v, table.taps, table.first, table.borders, table.lobes, table.ks, table.r0,
-            table.footprint, table.estimator, table.bias, table.steps, dtype(math.pi), buffer,
-            chain, stride, part,
-        )  # fmt: skip
+        _shade_mean(n, t, v, *shared, table.steps, dtype(math.pi), buffer, chain, stride, part)
         out[pick] = part
     return out.reshape(*points.shape, 3)

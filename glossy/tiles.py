@@ -81,7 +81,7 @@ def _exp2(x: Scalar) -> Scalar:
 
 
 @kernel
-def _load_frames(s: Float32Array, start: Scalar, count: Scalar, vectors: Float32Array) -> None:
+def k_load_frames(s: Float32Array, start: Scalar, count: Scalar, vectors: Float32Array) -> None:
     """Frames and local views of one tile; the last point fills up a short one."""
     for i in range(T):
         p = start + min(i, count - 1)
@@ -100,7 +100,7 @@ def _load_frames(s: Float32Array, start: Scalar, count: Scalar, vectors: Float32
 
 
 @kernel
-def _weights(s: Float32Array, tap: Float32Array) -> bool:
+def k_weights(s: Float32Array, tap: Float32Array) -> bool:
     """Weight without F and alpha, 0 below the horizon; False if that is so for the whole tile."""
     hx, hy, hz, gain = tap[0], tap[1], tap[2], tap[3]
     found = np.int32(0)
@@ -117,7 +117,7 @@ def _weights(s: Float32Array, tap: Float32Array) -> bool:
 
 
 @kernel
-def _directions(
+def k_directions(
     s: Float32Array, tap: Float32Array, side: Scalar, alpha: Scalar, fresnel: Scalar
 ) -> None:
     """Directions in world coordinates, weight without F, Schlick's term."""
@@ -158,7 +158,7 @@ def _directions(
 
 
 @kernel
-def _faces(s: Float32Array) -> None:
+def k_faces(s: Float32Array) -> None:
     """Face, coordinates in [0, 1] and distance to the cube; ties z over y over x."""
     for i in range(T):
         x, y, z = s[WX + i], s[WY + i], s[WZ + i]
@@ -180,7 +180,7 @@ def _faces(s: Float32Array) -> None:
 
 
 @kernel
-def _levels(s: Float32Array, footprint: Scalar, spread: Scalar, bias: Scalar, top: Scalar) -> None:
+def k_levels(s: Float32Array, footprint: Scalar, spread: Scalar, bias: Scalar, top: Scalar) -> None:
     """Level of detail, clamped to the chain; a dropped lane may hold any level."""
     if footprint == PAPER:
         for i in range(T):
@@ -200,7 +200,7 @@ def _levels(s: Float32Array, footprint: Scalar, spread: Scalar, bias: Scalar, to
 
 
 @kernel
-def _addresses(s: Float32Array, log_size: Scalar, fine: bool) -> None:
+def k_addresses(s: Float32Array, log_size: Scalar, fine: bool) -> None:
     """Addresses and weights of the texels at the level below (``fine``) or above ``LEVEL``.
 
     With W = n + 4 the levels below n = 2^k fill 2 W^2 + 32 W + 96 k - 210 texels, so that a texel's
@@ -229,7 +229,7 @@ def _addresses(s: Float32Array, log_size: Scalar, fine: bool) -> None:
 
 
 @kernel
-def _look_up(s: Float32Array, buffer: Float32Array, count: Scalar, fresnel: bool) -> None:
+def k_look_up(s: Float32Array, buffer: Float32Array, count: Scalar, fresnel: bool) -> None:
     """Trilinear lookup and accumulation, one pixel after the other."""
     for i in range(count):
         if s[GAIN + i] == ZERO:
@@ -271,7 +271,7 @@ def shade_tiles(
         start = tile * T
         count = min(T, pixels.shape[0] - start)
         s = np.empty(SCRATCH, dtype=np.float32)
-        _load_frames(s, start, count, vectors)
+        k_load_frames(s, start, count, vectors)
         for j in range(lobes.shape[0]):
             fresnel = r0[j, 0] != ONE or r0[j, 1] != ONE or r0[j, 2] != ONE
             for i in range(16 * T):
@@ -281,14 +281,14 @@ def shade_tiles(
                     wo = (s[OX + i], s[OY + i], s[OZ + i])
                     s[AREA + i] = k_lobe_area(borders[j, 0], borders[j, 1], wo, pi)
             for k in range(first[j], first[j + 1]):
-                if not _weights(s, taps[k]):
+                if not k_weights(s, taps[k]):
                     continue
-                _directions(s, taps[k], lobes[j, 4], lobes[j, 3], fresnel)
-                _faces(s)
-                _levels(s, footprint, taps[k, 4], bias, top)
-                _addresses(s, log_size, True)
-                _addresses(s, log_size, False)
-                _look_up(s, buffer, count, fresnel)
+                k_directions(s, taps[k], lobes[j, 4], lobes[j, 3], fresnel)
+                k_faces(s)
+                k_levels(s, footprint, taps[k, 4], bias, top)
+                k_addresses(s, log_size, True)
+                k_addresses(s, log_size, False)
+                k_look_up(s, buffer, count, fresnel)
             for i in range(count):
                 p = pixels[start + i]
                 for c in range(3):

@@ -25,7 +25,8 @@ from .pyramid import Pyramid
 from .sampler import k_trilinear_rgb
 from .shading import TABLES as SUMS
 from .shading import TapTable, k_frame, k_fresnel, k_tap
-from .thesis import BY_BRDF_COS, BY_PDF_COS, MeanTable, k_share, thesis_table
+from .thesis import MeanTable, k_share, thesis_table
+from .thesis_tiles import BY_BRDF_COS, BY_PDF_COS
 
 FloatArray = npt.NDArray[np.floating]
 Vector = tuple[float, float, float]

@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from test_shading import LOBES, bright_cube, random_points, smooth_cube
 
 import glossy
+from glossy import thesis
 from glossy.frames import reflect, spherical, to_world
-from glossy.thesis import ESTIMATORS
 
+ESTIMATORS = thesis.ESTIMATORS
 Float64Array = npt.NDArray[np.float64]
 
 SINGLE_RMS = 1e-5
@@ -89,10 +90,46 @@ def test_agrees_with_the_naive_twin(estimator: str) -> None:
     options: dict[str, Any] = {"samples": 15, "estimator": estimator, "bias": 0.25}
     double = glossy.shade(points, MATERIAL, pyramid, "thesis", "double", **options)
     assert np.allclose(double, exact, rtol=1e-9, atol=0)
-    single = glossy.shade(points, MATERIAL, pyramid, "thesis", **options)
+    single = glossy.shade(points, MATERIAL, pyramid, "thesis", **options)  # coloured r0: plain
     assert single.dtype == np.float32
     scale = math.sqrt(np.mean(double**2))
     assert np.sqrt(np.mean((single - double) ** 2)) < SINGLE_RMS * scale
+
+
+GREY = {
+    "metal": glossy.Material(reflection=[glossy.Lobe(0.15, ks=(0.9, 0.6, 0.2))]),
+    "lacquer, foil": glossy.Material(
+        reflection=[glossy.Lobe(0.2, 0.075, r0=0.05, alpha=0.5), glossy.Lobe(0.05, r0=0.3)],
+        transmission=[glossy.Lobe(0.3, r0=0.05), glossy.Lobe(0.2, r0=1.0)],
+    ),
+    "alpha": glossy.Material(reflection=[glossy.Lobe(0.4, r0=0.2, alpha=0.3)]),
+}
+
+
+@pytest.mark.parametrize("name", GREY)
+@pytest.mark.parametrize("footprint", ["thesis", "paper", "jacobian"])
+def test_vectorised_loop_agrees_with_the_plain_one(name: str, footprint: str) -> None:
+    """Both to float32 rounding of double precision, by which the level moves a hot texel."""
+    points, pyramid = random_points(500, low=0.001), glossy.build_pyramid(bright_cube())
+    for estimator in ESTIMATORS:
+        options: dict[str, Any] = {"footprint": footprint, "estimator": estimator, "samples": 12}
+        double = glossy.shade(points, GREY[name], pyramid, "thesis", "double", **options)
+        scale = math.sqrt(np.mean(double**2))
+        for kernel in ("auto", "plain"):
+            value = glossy.shade(points, GREY[name], pyramid, "thesis", kernel=kernel, **options)
+            assert np.sqrt(np.mean((value - double) ** 2)) < SINGLE_RMS * scale
+
+
+def test_the_vectorised_loop_is_taken_only_for_grey_r0(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+    monkeypatch.setattr(thesis, "shade_mean_tiles", lambda *args: calls.append(len(args)))
+    points, pyramid = random_points(3), glossy.build_pyramid(bright_cube(16))
+    assert glossy.shade(points, MATERIAL, pyramid, "thesis").all()
+    assert not calls
+    assert not glossy.shade(points, GREY["metal"], pyramid, "thesis").any()
+    assert len(calls) == 1
+    assert glossy.shade(points, GREY["metal"], pyramid, "thesis", kernel="plain").all()
+    assert len(calls) == 1
 
 
 @pytest.mark.parametrize("name", LOBES)
