@@ -12,7 +12,10 @@ import glossy
 PACKAGE = pathlib.Path(glossy.__file__).parent
 MODULES = sorted(p.relative_to(PACKAGE).with_suffix("").as_posix() for p in PACKAGE.rglob("*.py"))
 
-JUDGED = {"pyramid", "sampler", "seams", "footprint", "shading", "pattern", "trace", "methods"}
+JUDGED = {
+    "pyramid", "sampler", "seams", "footprint", "shading", "pattern", "trace", "methods",
+    "thesis", "thesis_pattern",
+}  # fmt: skip
 """What the ground truth judges and must share nothing with."""
 
 LIGHT = [
@@ -21,6 +24,7 @@ LIGHT = [
     "commands/compare",
     "cli",
     "pattern",
+    "thesis_pattern",
     "commands/pattern",
     "export/tables",
 ]
@@ -61,7 +65,7 @@ def test_the_truth_shares_nothing_with_what_it_judges(module: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "module", ["cubemap", "brdf", "pyramid", "pattern", "shading", "footprint"]
+    "module", ["cubemap", "brdf", "pyramid", "pattern", "shading", "footprint", "thesis"]
 )
 def test_the_core_does_not_know_what_is_built_on_it(module: str) -> None:
     above = {"scene", "render", "cli", "metrics", "image", "reference", "export/shader"}
