@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from .reference import Truth, reference, reference_passes
     from .scene import load_scene
     from .shading import shade
+    from .splitsum.chain import split_sum_chain
     from .thesis_pattern import thesis_pattern
     from .trace import trace
 
@@ -88,6 +89,7 @@ _WHERE = {
     "relative_rms": "metrics",
     "rms": "metrics",
     "shade": "shading",
+    "split_sum_chain": "splitsum.chain",
     "surface_points": "camera",
     "thesis_pattern": "thesis_pattern",
     "trace": "trace",
@@ -139,6 +141,7 @@ __all__ = [
     "relative_rms",
     "rms",
     "shade",
+    "split_sum_chain",
     "surface_points",
     "thesis_pattern",
     "trace",

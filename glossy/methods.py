@@ -21,11 +21,17 @@ METHODS = {
     "regular": "glossy.shading:regular",
     "importance": "glossy.shading:importance",
     "thesis": "glossy.thesis:thesis",
+    "split-sum": "glossy.splitsum.shade:split_sum",
+    "bent": "glossy.splitsum.shade:bent",
+    "axis-taps": "glossy.splitsum.shade:axis_taps",
 }
 
 PYRAMID = "glossy.pyramid:build_pyramid"
-PREPARE: dict[str, str] = {}
+PREPARE = dict.fromkeys(("split-sum", "bent", "axis-taps"), "glossy.splitsum.shade:prepare")
 """What a method looks up, where that is not a MIP pyramid."""
+
+TAPS = {"axis-taps": "glossy.splitsum.shade:tap_count"}
+"""How many taps a method takes for (lobe, samples), where that is not ``samples``."""
 
 
 def _load(place: str) -> Callable[..., Any]:
@@ -54,6 +60,13 @@ def prepare(name: str, cube: Any, material: Any, **options: Any) -> Any:
     function = preparation(name)
     needs = "material" in inspect.signature(function).parameters
     return function(cube, **({"material": material} if needs else {}), **options)
+
+
+def tap_count(name: str, lobe: Any, samples: int) -> int:
+    """Taps that a method takes for one lobe; a method without ``samples`` takes one."""
+    if name in TAPS:
+        return int(_load(TAPS[name])(lobe, samples))
+    return samples if "samples" in options(name) else 1
 
 
 def options(name: str) -> dict[str, Any]:

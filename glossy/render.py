@@ -109,18 +109,13 @@ def split_options(method: str, options: Mapping[str, Any]) -> tuple[dict[str, An
 
 
 def actual_samples(material: "Material", method: str, samples: int, threshold: float) -> list[int]:
-    """Taps of each lobe: for regular patterns the count nearest to the budget.
-
-    A method without ``samples`` takes one.
-    """
+    """Taps of each lobe: for regular patterns the count nearest to the budget."""
     from . import methods
     from .pattern import pattern_for_budget
 
     lobes = [lobe for lobe, _ in material.sided_lobes()]
-    if "samples" not in methods.options(method):
-        return [1] * len(lobes)
     if method != "regular":
-        return [samples] * len(lobes)
+        return [methods.tap_count(method, lobe, samples) for lobe in lobes]
     return [len(pattern_for_budget(lobe, samples, threshold)) for lobe in lobes]
 
 

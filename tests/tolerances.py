@@ -48,6 +48,20 @@ CONFORMANCE_SHARP = 1e-3
 CONFORMANCE_CONVERTED = 5e-3
 """The same through a lat-long map converted to a cube map of 512."""
 
+LOBE_PROFILE = 1e-3
+"""Prefiltered levels on maps of tiny lights: the lobe ends at exp(-10) and is interpolated in 1024
+steps, and its width's local correction is applied to the angle instead of to the slope."""
+
+SPLIT_SUM_HEAD_ON = 0.015
+"""Prefiltered lookup at N = V = R on maps of tiny lights: bilinear in levels of 2.5 to 5 texels a
+standard deviation, mixed between widths 2^(1/8) apart."""
+
+SPLIT_SUM_SHARP = 0.04
+"""The same for lobes below three texels (m N < 3): sampled too coarsely, or mixed with the map."""
+
+ALBEDO_TABLE = 2e-4
+"""256 entries in sqrt(cos), linear between them."""
+
 Z_RMS = {"mc": (0.85, 1.2), "qmc": (0.85, 1.45)}
 """RMS of 200 to 400 correlated z-scores; with 16 replicates they follow a t-distribution (1.07),
 and on maps with lamps its tails are heavier still."""
