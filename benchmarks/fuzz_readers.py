@@ -29,7 +29,7 @@ from glossy.gbuffer import read_gbuffer, write_gbuffer
 from glossy.image import read_planes
 from glossy.image_write import write_exr, write_image
 from glossy.materials import parse_material
-from glossy.scene import load_scene
+from glossy.scene import Scene, load_scene
 
 MEMORY = 6 << 30  # address space of the process that reads
 SECONDS = 20  # for one file
@@ -114,7 +114,8 @@ def _environment(path: pathlib.Path) -> object:
 
 
 def _scene(path: pathlib.Path) -> object:
-    return load_scene(path).load_material()
+    scene = load_scene(path)
+    return scene.load_material() if isinstance(scene, Scene) else scene
 
 
 def mutate(data: bytes, draw: random.Random) -> bytes:

@@ -23,6 +23,8 @@ A scene file is TOML; every key is optional, paths are relative to the file ::
     name = "regular"
     samples = 20
     threshold = 0.1                   # and any other option of the method
+
+A file with ``[[objects]]`` is a scene of objects instead: docs/scenes.md.
 """
 
 import dataclasses
@@ -39,6 +41,7 @@ from .frames import SurfacePoints
 if TYPE_CHECKING:
     from .brdf import Material
     from .cubemap import CubeMap
+    from .scenes.model import ObjectScene
 
 __all__ = [
     "Camera",
@@ -230,21 +233,40 @@ def _beside(text: str, folder: pathlib.Path) -> str:
     return str(there) if found else text
 
 
-def load_scene(path: str | os.PathLike[str]) -> Scene:
+def load_scene(path: str | os.PathLike[str]) -> "Scene | ObjectScene":
     """Read a scene file; paths in it are relative to it.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file, or a built-in scene: ``room``, ``showroom``. Write ``./room`` for a file of that
+        name.
+
+    Returns
+    -------
+    ``ObjectScene`` if the file has ``[[objects]]`` (docs/scenes.md), else ``Scene``.
 
     Raises
     ------
     OSError
-        If the file cannot be read.
+        If the file, or one it names, cannot be read.
     ValueError
         One line naming the file and the dotted key, for bad TOML, an unknown key or a bad value.
     """
-    file = pathlib.Path(path)
+    from .scenes.builtin import builtin_scene
+
+    file = builtin_scene(str(path)) or pathlib.Path(path)
     if not file.is_file():
         raise FileNotFoundError(f"{file}: no such scene file")
     with file.open("rb") as stream:
         try:
-            return _parse(tomllib.load(stream), file.parent)
+            data = tomllib.load(stream)
+            if "objects" in data:
+                from .scenes.load import parse
+
+                return parse(data, file.parent)
+            return _parse(data, file.parent)
+        except FileNotFoundError as error:
+            raise FileNotFoundError(f"{file}: {_check.shortened(str(error))}") from None
         except (ValueError, TypeError, RecursionError) as error:
             raise ValueError(f"{file}: {_check.shortened(str(error))}") from None

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glossy import read_environment, write_image
+from glossy import scene as scenes
 from glossy.frames import SurfacePoints, normalise
 from glossy.gbuffer import pick_channels, read_gbuffer, write_gbuffer
 from glossy.scene import (
@@ -22,11 +23,16 @@ from glossy.scene import (
     Scene,
     Sphere,
     default_camera,
-    load_scene,
     surface_points,
 )
 
 FloatArray = npt.NDArray[np.floating]
+
+
+def load_scene(path: pathlib.Path) -> Scene:
+    scene = scenes.load_scene(path)
+    assert isinstance(scene, Scene)
+    return scene
 
 
 def hit_point(camera: Camera, shape: Any, row: int, col: int) -> FloatArray | None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ..scene import Scene
+    from ..scenes.model import ObjectScene
 
 METHOD_OPTIONS = (
     "threshold", "filter", "footprint", "normalisation", "estimator", "kind", "bias", "precision",
@@ -21,7 +22,9 @@ METHOD_OPTIONS = (
 def add_scene_arguments(parser: argparse.ArgumentParser, gbuffer: bool = True) -> None:
     """SCENE, --env, --material, picture size and what is in it."""
     group = parser.add_argument_group("scene")
-    group.add_argument("scene", nargs="?", metavar="SCENE", help="scene file (TOML)")
+    group.add_argument(
+        "scene", nargs="?", metavar="SCENE", help="scene file (TOML), room or showroom"
+    )
     group.add_argument(
         "--env",
         metavar="E",
@@ -99,6 +102,8 @@ def scene_from(args: argparse.Namespace) -> "Scene":
     from ..scene import EnvironmentSource, Plane, Scene, Sphere, default_camera, load_scene
 
     scene = load_scene(args.scene) if args.scene else Scene()
+    if not isinstance(scene, Scene):
+        raise ValueError(f"{args.scene}: a scene of objects; this command takes one shape")
     given = {k: v for k, v in vars(args).items() if v is not None}
 
     env = dataclasses.asdict(scene.environment)
@@ -148,6 +153,32 @@ def scene_from(args: argparse.Namespace) -> "Scene":
         camera = default_camera(shape, **size) if framed else dataclasses.replace(old, **size)  # type: ignore[type-var]
         change |= {"gbuffer": None, "shape": shape, "camera": camera}
     return dataclasses.replace(scene, **change)
+
+
+def object_scene_from(args: argparse.Namespace) -> "ObjectScene | None":
+    """The scene of objects that the arguments name, with them laid over it; None for one shape."""
+    from ..scene import load_scene
+    from ..scenes.load import overlay
+    from ..scenes.model import ObjectScene
+
+    scene = load_scene(args.scene) if args.scene else None
+    if not isinstance(scene, ObjectScene):
+        return None
+    return overlay(scene, {k: v for k, v in vars(args).items() if v is not None}, METHOD_OPTIONS)
+
+
+def add_object_arguments(parser: argparse.ArgumentParser) -> None:
+    """--supersampling and --update, for scenes of objects."""
+    group = parser.add_argument_group("scene of objects (a file with [[objects]], room, showroom)")
+    group.add_argument("--supersampling", type=int, metavar="K", help="K x K rays a pixel")
+    group.add_argument(
+        "--update", action="store_true", default=None, help="bake and capture again, cached or not"
+    )
+
+
+def bar() -> Any:
+    """Wraps the baker's loop with a bar on stderr when that is a terminal."""
+    return lambda items: progress(items, len(items), "bake")
 
 
 def progress(items: Any, total: int | None = None, label: str = "") -> Iterator[Any]:

@@ -1,13 +1,19 @@
 """``glossy reference``: the ground truth of a scene, with its error."""
 
 import argparse
+from typing import TYPE_CHECKING
 
 from . import options
+
+if TYPE_CHECKING:
+    from ..render import TruthRendering
+    from ..scenes.render import ObjectTruth
 
 EXAMPLE = """\
 examples:
   glossy reference --env spots --material mx=.15 -o truth.exr
   glossy reference --env room.hdr --size 256 --tolerance 1e-4 -o truth.exr
+  glossy reference room --supersampling 1 --estimator qmc --samples 1024 -o truth.exr
   glossy reference scene.toml --estimator qmc --samples 4096 --seed 1 -o truth.exr --json
 
 The EXR holds R, G, B and the error of each pixel and channel as error.R, error.G, error.B:
@@ -26,6 +32,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     options.add_scene_arguments(parser)
+    options.add_object_arguments(parser)
     options.add_background_argument(parser)
     options.add_exposure_argument(parser)
     group = parser.add_argument_group("estimator")
@@ -47,8 +54,16 @@ def run(args: argparse.Namespace) -> int:
     wanted = {"samples": args.samples, "tolerance": args.tolerance, "seed": args.seed}
     args.samples = None  # of the estimator here, not of a method
     estimator, args.estimator = args.estimator, None  # of the truth, not of a method
-    scene = options.scene_from(args)
-    rendering = render_reference(scene, estimator=estimator, **wanted)
+    objects = options.object_scene_from(args)
+    rendering: TruthRendering | ObjectTruth
+    if objects is not None:
+        from ..scenes.render import reference_objects
+
+        progress, update = options.bar(), bool(args.update)
+        rendering = reference_objects(objects, estimator, progress, update, **wanted)
+    else:
+        scene = options.scene_from(args)
+        rendering = render_reference(scene, estimator=estimator, **wanted)
     exposed = {}
     if str(args.output).lower().endswith(".exr") and args.exposure is None:
         channels = {name: rendering.image[..., k] for k, name in enumerate("RGB")}

@@ -1,13 +1,19 @@
 """``glossy render``: one picture with a real-time method."""
 
 import argparse
+from typing import TYPE_CHECKING
 
 from . import options
+
+if TYPE_CHECKING:
+    from ..render import Rendering
+    from ..scenes.render import ObjectRendering
 
 EXAMPLE = """\
 examples:
   glossy render -o spots.png
   glossy render --env studio --material mx=.2,my=.075 --samples 30 --threshold 0.1 -o out.exr
+  glossy render room -o room.png
   glossy render scene.toml --footprint jacobian --bias -0.5 --json -o out.exr
 """
 
@@ -24,6 +30,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     options.add_scene_arguments(parser)
+    options.add_object_arguments(parser)
     options.add_background_argument(parser)
     options.add_method_arguments(parser)
     options.add_exposure_argument(parser)
@@ -37,8 +44,14 @@ def run(args: argparse.Namespace) -> int:
     from ..render import render_scene, write_picture
 
     options.check_output(args.output, (".exr", ".hdr", ".png"))
-    scene = options.scene_from(args)
-    rendering = render_scene(scene)
+    objects = options.object_scene_from(args)
+    rendering: Rendering | ObjectRendering
+    if objects is not None:
+        from ..scenes.render import render_objects
+
+        rendering = render_objects(objects, options.bar(), bool(args.update))
+    else:
+        rendering = render_scene(options.scene_from(args))
     stops = write_picture(args.output, rendering.image, rendering.seen, args.exposure)
     exposed = {} if stops is None else {"exposure": stops}
     options.report(args, "render", {"output": args.output, **rendering.to_dict(), **exposed})

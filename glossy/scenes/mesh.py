@@ -1,0 +1,163 @@
+"""Triangle meshes: files through trimesh, rays through Embree.
+
+Embree answers in float32 which triangle a ray meets first; where on it is then solved in float64,
+so a hit point lies on the triangle's plane to rounding. Both libraries come with the extra
+``mesh``.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import _check
+from ..frames import dot
+from .shapes import Mesh
+
+Float64Array = npt.NDArray[np.float64]
+Int64Array = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+MAX_TRIANGLES = 20_000_000
+
+
+def _library(name: str) -> Any:
+    import importlib
+
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        rule = "needs the extra 'mesh' (pip install 'glossy-envmap[mesh]')"
+        raise ValueError(f"shape: a mesh {rule}: {name} is not installed") from None
+
+
+class TriangleMesh:
+    """A mesh in the world: ``vertices`` (V, 3), ``triangles`` (T, 3), unit ``normals`` (V, 3).
+
+    Parameters
+    ----------
+    shape : Mesh
+    matrix : (3, 4) array
+        To the world.
+
+    Raises
+    ------
+    ValueError
+        If the file holds no triangles or the libraries are not installed.
+    """
+
+    def __init__(self, shape: Mesh, matrix: Float64Array) -> None:
+        points, self.triangles, normals, self.closed = _read(shape.file)
+        self.smooth = shape.smooth
+        self.vertices = points @ matrix[:, :3].T + matrix[:, 3]
+        turned = normals @ np.linalg.inv(matrix[:, :3])
+        length = np.linalg.norm(turned, axis=1, keepdims=True)
+        self.normals = turned / np.where(length > 0.0, length, 1.0)
+        a, b, c = (self.vertices[self.triangles[:, k]] for k in range(3))
+        self.corner, self.edge1, self.edge2 = a, b - a, c - a
+        self.face = np.cross(self.edge1, self.edge2)
+        self.up = matrix[:, 1] / np.linalg.norm(matrix[:, 1])
+
+    @property
+    def bounds(self) -> Float64Array:
+        """(2, 3) lowest and highest coordinates."""
+        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+    @functools.cached_property
+    def _run(self) -> Callable[..., Any]:
+        _library("embreex")
+        from embreex.mesh_construction import TriangleMesh as Triangles
+        from embreex.rtcore_scene import EmbreeScene
+
+        scene = EmbreeScene()
+        vertices, triangles = self.vertices.astype(np.float32), self.triangles.astype(np.int32)
+        kept = Triangles(scene, vertices, triangles)
+        return functools.partial(_query, scene, kept)
+
+    def _candidates(self, origins: Float64Array, directions: Float64Array) -> Int64Array:
+        """Rays that meet the bounding box."""
+        low, high = self.bounds
+        pad = 1e-6 * float(np.max(np.abs([low, high])))
+        enter = np.zeros(len(origins))
+        leave = np.full(len(origins), np.inf)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for i in range(3):
+                t0 = (low[i] - pad - origins[:, i]) / directions[:, i]
+                t1 = (high[i] + pad - origins[:, i]) / directions[:, i]
+                enter = np.fmax(enter, np.fmin(t0, t1))
+                leave = np.fmin(leave, np.fmax(t0, t1))
+        return np.flatnonzero(enter <= leave)
+
+    def closest(
+        self, origins: Float64Array, directions: Float64Array, near: float
+    ) -> tuple[Int64Array, Float64Array, Int64Array, Float64Array]:
+        """Rays that hit (K,), their t, triangle and barycentric coordinates (K, 2)."""
+        rays = self._candidates(origins, directions)
+        triangle = np.asarray(self._run(origins[rays], directions[rays], near), dtype=np.int64)
+        rays, triangle = rays[triangle >= 0], triangle[triangle >= 0]
+        d, away = directions[rays], origins[rays] - self.corner[triangle]
+        e1, e2, n = self.edge1[triangle], self.edge2[triangle], self.face[triangle]
+        across = -dot(d, n)
+        across = np.where(np.abs(across) > 1e-300, across, 1e-300)
+        t = dot(away, n) / across
+        side = np.cross(away, d)
+        uv = np.stack([dot(side, e2), -dot(side, e1)], axis=-1) / across[:, None]
+        uv = np.clip(uv, 0.0, 1.0)
+        uv /= np.maximum(uv.sum(axis=-1, keepdims=True), 1.0)
+        return rays, t, triangle, uv
+
+    def frame(
+        self, triangle: Int64Array, uv: Float64Array, directions: Float64Array
+    ) -> tuple[Float64Array, Float64Array, BoolArray]:
+        """Normal, tangent (K, 3), and whether the outside is seen (by the winding).
+
+        A closed mesh's normal points outwards, an open one's to where the ray comes from.
+        """
+        flat = self.face[triangle]
+        front = dot(flat, directions) < 0.0
+        if self.smooth:
+            corners = self.normals[self.triangles[triangle]]
+            w = np.column_stack([1.0 - uv.sum(axis=-1), uv])
+            normal = np.einsum("kc,kcx->kx", w, corners)
+            bad = dot(normal, flat) <= 0.0
+            normal[bad] = flat[bad]
+        else:
+            normal = flat.copy()
+        normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-300)
+        if not self.closed:
+            normal[~front] *= -1.0
+        tangent = np.cross(self.up, normal)
+        length = np.linalg.norm(tangent, axis=-1)
+        pole = length < 1e-9
+        other = np.where(np.abs(normal[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]])
+        tangent[pole] = np.cross(normal[pole], np.cross(other[pole], normal[pole]))
+        return normal, tangent / np.linalg.norm(tangent, axis=-1, keepdims=True), front
+
+
+def _query(
+    scene: Any, _kept: Any, origins: Float64Array, directions: Float64Array, near: float
+) -> Any:
+    """Triangle met first beyond ``near``, -1 for none: the rays start there."""
+    if len(origins) == 0:
+        return np.empty(0, dtype=np.int64)
+    start = (origins + near * directions).astype(np.float32)
+    return scene.run(start, directions.astype(np.float32))
+
+
+@functools.lru_cache(maxsize=16)
+def _read(file: str) -> tuple[Float64Array, Int64Array, Float64Array, bool]:
+    """Vertices, triangles, vertex normals and whether it is watertight, of a mesh file."""
+    trimesh = _library("trimesh")
+    try:
+        mesh = trimesh.load(file, force="mesh", process=False)
+    except Exception as error:  # a reader of many formats raises anything
+        raise ValueError(f"file: {file!r} is no mesh: {_check.shortened(str(error))}") from None
+    vertices = np.array(getattr(mesh, "vertices", np.empty((0, 3))), dtype=np.float64)
+    triangles = np.array(getattr(mesh, "faces", np.empty((0, 3))), dtype=np.int64)
+    if len(triangles) == 0 or not np.all(np.isfinite(vertices)):
+        raise _check.fail("file", "must hold triangles with finite corners", file)
+    _check.count("triangles", len(triangles), high=MAX_TRIANGLES)
+    normals = np.array(mesh.vertex_normals, dtype=np.float64)
+    return vertices, triangles, normals, bool(mesh.is_watertight)
