@@ -52,7 +52,7 @@ def _symmetric(builder: Any, values: Sequence[Any], factors: Sequence[Any]) -> A
     return total
 
 
-def _prefetch(builder: Any, data: Any, index: Any) -> None:
+def prefetch(builder: Any, data: Any, index: Any) -> None:
     byte = ir.IntType(8).as_pointer()
     kind = ir.FunctionType(ir.VoidType(), [byte, INT32, INT32, INT32])
     function = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
@@ -119,7 +119,7 @@ def _halve_rows(
         def column(x: Any) -> list[Any]:
             values = [load(builder, fine, builder.add(row, x), VECTOR)[0] for row in rows[:used]]
             for row in rows[used:]:
-                _prefetch(builder, fine, builder.add(row, x))
+                prefetch(builder, fine, builder.add(row, x))
             parts = [values[2 * r : 2 * (r + half)] for r in range(OUTPUT_ROWS)]
             return [_symmetric(builder, part, factors) for part in parts]
 
@@ -189,7 +189,7 @@ def _quarter_rgb(
             places = [builder.add(x, index(k * LANES)) for k in range(3)]
             for place in places:
                 for row in rows[4:]:
-                    _prefetch(builder, fine, builder.add(row, place))
+                    prefetch(builder, fine, builder.add(row, place))
             means = []
             for r in range(2):
                 down = [

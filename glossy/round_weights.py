@@ -25,13 +25,12 @@ and on whether that level is level 0, on nothing else.
 import functools
 import math
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from . import _check
 from ._gather import TAPS
-from ._jit import kernel, parallel_kernel
+from ._jit import kernel
 from .cubemap import face_directions, locate, texel_directions, texel_solid_angles
 from .seams import PAD, fold_table
 
@@ -132,7 +131,7 @@ def _match(
     return last
 
 
-@parallel_kernel
+@kernel
 def _match_windows(
     frames: Float64Array, goals: Float64Array, sigma: Float64Array, texels: Float64Array,
     rows: Int64Array, cols: Int64Array, taps: int, weights: Float64Array, left: Float64Array,
@@ -144,9 +143,10 @@ def _match_windows(
     windows start. A texel starts from its neighbour's solution.
     """
     count = taps * taps
-    for row in numba.prange(frames.shape[0]):
-        place, area, moments = np.empty((count, 2)), np.empty(count), np.empty((count, 5))
-        goal, shape = np.zeros(5), np.zeros(5)
+    place, area, moments = np.empty((count, 2)), np.empty(count), np.empty((count, 5))
+    goal, shape = np.zeros(5), np.zeros(5)
+    for row in range(frames.shape[0]):
+        shape[:] = 0.0
         shape[0], shape[2] = 1.0, 1.0
         for col in range(frames.shape[1]):
             e1, e2, p = frames[row, col, 0], frames[row, col, 1], frames[row, col, 2]
@@ -189,19 +189,18 @@ def _frames(s: Float64Array, t: Float64Array, n: int) -> tuple[Float64Array, ...
     return np.stack([e1, e2, p], axis=-2), covariance * -np.expm1(-3.0 * v) / (3.0 * v), sigma
 
 
-def _face_texels(n: int, deltas: bool) -> Float64Array:
-    """What ``_match_windows`` takes, for the texels of face +z, (n, n, 13); deltas: of level 0."""
-    along = (np.arange(n) + 0.5) * (2.0 / n) - 1.0
-    s, t = np.meshgrid(along, along)
+def _texels(row: Int64Array, col: Int64Array, n: int, deltas: bool) -> Float64Array:
+    """What ``_match_windows`` takes, for texels (...) of face +z, (..., 13); deltas: of level 0."""
+    s, t = (col + 0.5) * (2.0 / n) - 1.0, (row + 0.5) * (2.0 / n) - 1.0
     frames, covariance, _ = _frames(s, t, n)
     tangents, p = frames[..., :2, :], frames[..., 2, :]
     if deltas:
         covariance = np.zeros_like(covariance)
     trace = np.trace(covariance, axis1=-2, axis2=-1)[..., None]
     mean = p * np.cbrt(1.0 - 1.5 * trace)  # exp(-v), as trace = 2 (1 - exp(-3 v)) / 3
-    second = np.einsum("...ki,...kl,...lj->...ij", tangents, covariance, tangents)
+    second = np.swapaxes(tangents, -1, -2) @ covariance @ tangents
     second += (1.0 - trace[..., None]) * p[..., :, None] * p[..., None, :]
-    area = texel_solid_angles(n)[..., None] * (0.25 * n * n)
+    area = texel_solid_angles(n)[row, col][..., None] * (0.25 * n * n)
     return np.concatenate([p, area, mean, _packed(second)], axis=-1)
 
 
@@ -226,19 +225,22 @@ def _turned(texels: Float64Array, rotation: Float64Array) -> Float64Array:
 
 
 def _padded_texels(n: int, deltas: bool) -> Float64Array:
-    """Face +z with its rings, (n + 2 PAD, n + 2 PAD, 13); nothing beyond the cube's corners."""
-    face, i = _face_texels(n, deltas), np.arange(n)
-    out = np.zeros((n + 2 * PAD, n + 2 * PAD, face.shape[-1]))
-    out[PAD:-PAD, PAD:-PAD] = face
-    for edge, (other, far0, i0, d0, far1, i1, d1) in enumerate(fold_table()[4]):
+    """The first rows and columns of face +z with their rings, (H, H, 13): what its first quarter
+    reaches. Nothing beyond the cube's corner.
+    """
+    i = np.arange(n // 2 + TAPS // 2)
+    row, col = np.meshgrid(i, i, indexing="ij")
+    out = np.zeros((i.size + PAD, i.size + PAD, 13))
+    out[PAD:, PAD:] = _texels(row, col, n, deltas)
+    for edge in (0, 2):
+        other, far0, i0, d0, far1, i1, d1 = fold_table()[4, edge]
         for d in range(PAD):
             rows, cols = far0 * (n - 1) + i0 * i + d0 * d, far1 * (n - 1) + i1 * i + d1 * d
-            ring = _turned(face[rows, cols], _rotation(int(other)))
-            at = n + PAD + d if edge % 2 else PAD - 1 - d
-            if edge < 2:
-                out[PAD:-PAD, at] = ring
+            ring = _turned(_texels(rows, cols, n, deltas), _rotation(int(other)))
+            if edge == 0:
+                out[PAD:, PAD - 1 - d] = ring
             else:
-                out[at, PAD:-PAD] = ring
+                out[PAD - 1 - d, PAD:] = ring
     return out
 
 
@@ -276,7 +278,8 @@ def _matched(
 def dense_weights(n: int, deltas: bool) -> Float32Array:
     """Weights (6 n n, 24 n n) of a level of n <= ``DENSE`` over all texels of the level above."""
     fine = 2 * n
-    face = _face_texels(fine, deltas)
+    row, col = np.meshgrid(np.arange(fine), np.arange(fine), indexing="ij")
+    face = _texels(row, col, fine, deltas)
     every = np.concatenate([_turned(face, _rotation(f)).reshape(-1, 13) for f in range(6)])
     count = math.isqrt(len(every) - 1) + 1  # as a square, filled up with texels of no area
     square = np.zeros((count * count, every.shape[1]))
@@ -287,6 +290,6 @@ def dense_weights(n: int, deltas: bool) -> Float32Array:
     rows = []
     for f in range(6):  # what face +z sees of the texel that face f sees
         g, u, v = locate(texel_directions(fine).reshape(-1, 3) @ _rotation(f))
-        row, col = (np.floor((x + 1.0) * 0.5 * fine).astype(int) for x in (v, u))
-        rows.append(weights[:, (g * fine + row) * fine + col])
+        i, j = (np.floor((x + 1.0) * 0.5 * fine).astype(int) for x in (v, u))
+        rows.append(weights[:, (g * fine + i) * fine + j])
     return np.asarray(_check.frozen(np.concatenate(rows).astype(np.float32)))
