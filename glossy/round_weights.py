@@ -191,7 +191,7 @@ def _frames(s: Float64Array, t: Float64Array, n: int) -> tuple[Float64Array, ...
 
 def _texels(row: Int64Array, col: Int64Array, n: int, deltas: bool) -> Float64Array:
     """What ``_match_windows`` takes, for texels (...) of face +z, (..., 13); deltas: of level 0."""
-    s, t = (col + 0.5) * (2.0 / n) - 1.0, (row + 0.5) * (2.0 / n) - 1.0
+    s, t = (np.asarray((x + 0.5) * (2.0 / n) - 1.0, dtype=np.float64) for x in (col, row))
     frames, covariance, _ = _frames(s, t, n)
     tangents, p = frames[..., :2, :], frames[..., 2, :]
     if deltas:
