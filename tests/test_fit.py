@@ -268,6 +268,7 @@ REFUSALS = [
     ({"fixed": {"mx": (0.1, 0.2)}}, "must be one number"),
     ({"grid": 1}, "grid: must be at least 2"),
     ({"time_limit": 0.0}, "time_limit: must be in"),
+    ({"light": "below"}, "the table has no light from below"),
     ({"spacing": "cubic"}, "spacing: must be one of"),
 ]
 
@@ -288,6 +289,18 @@ def test_weights_of_the_table_are_those_of_its_grid(table: MeasuredTable) -> Non
     bare = MeasuredTable(table.wi, table.wo, table.f)
     with pytest.raises(ValueError, match="needs a table with solid angles"):
         fit_table(bare, weights="table")
+
+
+def test_light_from_below_is_the_same_seen_from_there(table: MeasuredTable) -> None:
+    flip = [1.0, 1.0, -1.0]
+    both = MeasuredTable(
+        np.concatenate([table.wi, table.wi * flip]),
+        np.concatenate([table.wo, table.wo * flip]),
+        np.concatenate([table.f, 0.5 * table.f]),
+    )
+    above, below = (fit_table(both, light=x, **FAST) for x in ("above", "below"))  # type: ignore[arg-type]
+    assert above.rows == below.rows == len(table)
+    assert below.error == pytest.approx(0.5 * above.error, rel=1e-3)
 
 
 def test_a_fit_says_everything_in_plain_values(table: MeasuredTable) -> None:

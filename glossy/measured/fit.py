@@ -27,7 +27,7 @@ from ..brdf import Lobe, Material
 from .fit_kernels import LOBE
 from .fit_metrics import METRICS, errors, finish, metric_code, model_values, transform
 from .fit_polish import Clock
-from .fit_rows import MODELS, WEIGHTS, Rows, diffuse_mode, features, rows_of
+from .fit_rows import MODELS, WEIGHTS, Rows, diffuse_mode, features, lit_from, rows_of
 from .fit_search import Search, Stage
 from .fit_space import SPACINGS, Bounds, Fixed, Space, check_names, make_space
 from .table import MeasuredTable
@@ -107,7 +107,8 @@ def fit_table(
     *,
     model: str = "kurt",
     metric: str = "l1",
-    weights: str = "sine",
+    weights: str = "auto",
+    light: str = "above",
     bounds: Bounds | None = None,
     fixed: Fixed | None = None,
     kd: str = "free",
@@ -133,7 +134,10 @@ def fit_table(
     metric : str
         "l1" (thesis eq. 3.7), "l2", "cubic-root", "log".
     weights : str
-        "sine" (sin theta_o, eq. 3.7), "table" (its solid angles), "equal".
+        "sine" (sin theta_o, eq. 3.7, for directions even in angle), "table" (its solid angles),
+        "equal", or "auto": the table's if it has them, else sine.
+    light : str
+        Rows with the light "above" the surface, "below" it (seen from there), or "both".
     bounds, fixed : mapping
         Name -> (low, high), name -> value (``ks`` and ``kd`` may have one a channel). A name is
         ``mx``, ``my``, ``alpha``, ``r0``, ``ks`` or ``kd``, or one lobe's: ``reflection[1].mx``.
@@ -167,6 +171,7 @@ def fit_table(
     _check.choice("polish", polish, POLISHES)
     limit = None if time_limit is None else _check.positive("time_limit", time_limit)
     counts = {"reflection": _check.count("reflection", reflection, 0)}
+    table = lit_from(table, light)
     rows = {side: rows_of(table, side, model, weights) for side in SIDES}
     asked = int(rows["transmission"] is not None) if transmission is None else transmission
     counts["transmission"] = _check.count("transmission", asked, 0)

@@ -37,7 +37,8 @@ from .table import MeasuredTable
 Float64Array = npt.NDArray[np.float64]
 
 MODELS = ("kurt", "ward", "beckmann", "ggx")
-WEIGHTS = ("sine", "table", "equal")
+WEIGHTS = ("auto", "sine", "table", "equal")
+LIGHTS = ("above", "below", "both")
 GRAZING = 1e-6  # cosine below which a row says nothing: its y is zero whatever the lobe
 
 
@@ -97,15 +98,32 @@ def features(wi: Float64Array, wo: Float64Array, model: str) -> Float64Array:
     return np.ascontiguousarray(np.stack(rows))
 
 
-def _weights(table: MeasuredTable, kind: str) -> Float64Array:
-    """Weight (K,) of every row: sin theta_o, the table's solid angles, or 1."""
-    if kind == "sine":
+def row_weights(table: MeasuredTable, kind: str) -> Float64Array:
+    """Weight (K,) of every row: the table's solid angles, sin theta_o, or 1."""
+    if kind == "sine" or (kind == "auto" and table.weight is None):
         return np.asarray(np.hypot(table.wo[:, 0], table.wo[:, 1]))
     if kind == "equal":
         return np.ones(len(table.wo))
     if table.weight is None:
         raise _check.fail("weights", "needs a table with solid angles", kind)
     return np.asarray(table.weight, dtype=np.float64)
+
+
+def lit_from(table: MeasuredTable, light: str) -> MeasuredTable:
+    """The rows with the light "above" the surface, "below" it, or "both".
+
+    Raises
+    ------
+    ValueError
+        If there are none.
+    """
+    _check.choice("light", light, LIGHTS)
+    if light == "both":
+        return table
+    rows = table.wi[:, 2] > 0.0 if light == "above" else table.wi[:, 2] < 0.0
+    if not rows.any():
+        raise _check.fail("light", f"the table has no light from {light}", light)
+    return table if rows.all() else table.select(rows)
 
 
 def rows_of(table: MeasuredTable, side: str, model: str, weights: str) -> Rows | None:
@@ -121,7 +139,7 @@ def rows_of(table: MeasuredTable, side: str, model: str, weights: str) -> Rows |
     keep = (zi * zo > 0.0) if reflection else (zi * zo < 0.0)
     keep &= (np.abs(zi) > GRAZING) & (np.abs(zo) > GRAZING)
     wi, wo, f = table.wi[keep], table.wo[keep], np.asarray(table.f)[keep]
-    w = _weights(table, weights)[keep, None] * (f != 0.0)
+    w = row_weights(table, weights)[keep, None] * (f != 0.0)
     if not w.any():
         return None
     c = np.abs(wi[:, 2] * wo[:, 2])
