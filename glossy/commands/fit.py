@@ -44,12 +44,20 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     group.add_argument("--anisotropic", action="store_false", dest="isotropic", default=None)
     group.add_argument("--bound", action="append", metavar="NAME=A:B", help="narrow the search")
     group.add_argument("--fix", action="append", metavar="NAME=V", help="hold; V or R/G/B")
-    group.add_argument("--kd", choices=("free", "mode"), default="free", help="free (default): polished "
-        "from the histogram's mode; mode: kept there")
+    group.add_argument(
+        "--kd",
+        choices=("free", "mode"),
+        default="free",
+        help="free (default): polished from the histogram's mode; mode: kept there",
+    )
     group = parser.add_argument_group("metric")
-    group.add_argument("--metric", default="l1", metavar="NAME", help="l1, l2, cubic-root, log (l1)")
+    group.add_argument(
+        "--metric", default="l1", metavar="NAME", help="l1, l2, cubic-root, log (l1)"
+    )
     group.add_argument("--weights", default="auto", metavar="NAME", help="auto, sine, table, equal")
-    group.add_argument("--light", default="above", metavar="WHERE", help="above, below, both (above)")
+    group.add_argument(
+        "--light", default="above", metavar="WHERE", help="above, below, both (above)"
+    )
     group.add_argument("--rows", type=int, metavar="N", help="fit to N rows drawn at random")
     group = parser.add_argument_group("search")
     group.add_argument("--grid", type=int, default=9, metavar="N", help="values on each axis (9)")
@@ -57,8 +65,12 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     group.add_argument("--spacing", default="log", metavar="S", help="of mx, my: log, linear (log)")
     group.add_argument("--rounds", type=int, default=3, metavar="N", help="turns through lobes (3)")
     group.add_argument("--polish", default="local", metavar="P", help="none, local, global (local)")
-    group.add_argument("--seed", type=int, default=0, metavar="N", help="of --rows and global polish")
-    group.add_argument("--time-limit", type=float, metavar="S", help="seconds; the best so far counts")
+    group.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="of --rows and global polish"
+    )
+    group.add_argument(
+        "--time-limit", type=float, metavar="S", help="seconds; the best so far counts"
+    )
     group.add_argument("--compare", metavar="A,B", help="fit also: ward, beckmann, ggx")
     options.add_json_argument(parser)
     parser.set_defaults(run=run)

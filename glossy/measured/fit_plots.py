@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from ..frames import spherical
 from ..image_write import replacing
-from .fit import Fit
+from .fit import SIDES, Fit
 from .fit_report import AngleLine
 from .table import MeasuredTable
 
@@ -62,7 +62,7 @@ class _Lights:
         self.directions, self.rows = table.incident_directions()
         z = np.abs(self.directions[:, 2])
         self.theta = np.degrees(np.arccos(np.clip(z, 0.0, 1.0)))
-        self.phi = np.degrees(np.arctan2(self.directions[:, 1], self.directions[:, 0]))
+        self.phi = np.degrees(np.arctan2(self.directions[:, 1], self.directions[:, 0])) + 0.0
         self.phi[self.theta < 1e-3] = 0.0
 
     def chosen_theta(self) -> Float64Array:
@@ -71,19 +71,19 @@ class _Lights:
 
     def chosen_phi(self, n: int) -> Float64Array:
         """At most ``n`` azimuths in [0, 180); one if the table has one."""
-        values = np.unique(self.phi[self.theta > 1.0].round(1)) if (self.theta > 1.0).any() else None
-        if values is None:
+        if not (self.theta > 1.0).any():
             return np.zeros(1)
+        values = np.unique(self.phi[self.theta > 1.0].round(1))
         half = values[(values >= 0.0) & (values < 180.0)]
         values = half if len(half) else values[:1]
         return values[_spread(values, n)]
 
     def nearest(self, theta: float, phi: float) -> int | None:
-        """The incident direction there, None if there is none within 4 degrees and 20 of azimuth."""
+        """The incident direction there, or None: none within 4 degrees and 23 of azimuth."""
         turn = np.abs((self.phi - phi + 180.0) % 360.0 - 180.0)
         turn = np.where(self.theta < 1.0, 0.0, turn)
         distance = np.abs(self.theta - theta) + 0.1 * turn
-        near = np.where((np.abs(self.theta - theta) < 4.0) & (turn < 20.0), distance, np.inf)
+        near = np.where((np.abs(self.theta - theta) < 4.0) & (turn < 23.0), distance, np.inf)
         k = int(np.argmin(near))
         return k if np.isfinite(near[k]) else None
 
@@ -91,62 +91,59 @@ class _Lights:
 def plane_plot(table: MeasuredTable, fit: Fit, path: pathlib.Path) -> None:
     """Cubic root of p in the plane of incidence, measured and fitted, polar."""
     lights = _Lights(table)
-    thetas, phis = lights.chosen_theta(), lights.chosen_phi(2)
-    both = "transmission" in fit.parameters
-    reflected = "reflection" in fit.parameters
-    height = 3.0 if both and reflected else 2.1
-    figure = _figure(2.05 * len(thetas) + 0.3, height * len(phis) + 0.7)
-    panels = figure.subplots(
-        len(phis), len(thetas), squeeze=False, subplot_kw={"projection": "polar"}
-    )
-    p = table.transfer.mean(axis=1)
-    sides = ([1.0] if reflected else []) + ([-1.0] if both else [])
-    angle = np.radians(np.linspace(-89.5, 89.5, 359))
+    thetas, phis = lights.chosen_theta(), lights.chosen_phi(PANELS)
+    phis = phis[np.unique([0, int(np.argmin(np.abs(phis - phis[0] - 90.0)))])]
+    sides = [side for side in SIDES if side in fit.parameters]
+    height = 2.0 if len(sides) > 1 else 1.35
+    figure = _figure(1.9 * len(thetas) + 0.3, height * len(phis) + 0.5)
+    panels = figure.subplots(len(phis), len(thetas), squeeze=False)
     for row, phi in zip(panels, phis, strict=True):
         for panel, theta in zip(row, thetas, strict=True):
+            panel.set_axis_off()
             k = lights.nearest(theta, phi)
-            if k is None:
-                panel.set_visible(False)
-                continue
-            light = lights.directions[k]
-            turn = np.radians(phi if lights.theta[k] < 1.0 else lights.phi[k])
-            forward = np.array([-np.cos(turn), -np.sin(turn), 0.0])
-            wo, up = table.wo[lights.rows[k]], np.sign(light[2])
-            across = np.abs(wo[:, 0] * forward[1] - wo[:, 1] * forward[0])
-            near = across < OFF_PLANE
-            measured = np.arctan2(wo[near] @ forward, up * wo[near, 2])
-            values = p[lights.rows[k]][near]
-            shown = values != 0.0
-            panel.plot(
-                measured[shown],
-                np.cbrt(np.maximum(values[shown], 0.0)),
-                ".",
-                color=MEASURED,
-                markersize=4,
-            )
-            for side in sides:
-                out = np.sin(angle)[:, None] * forward
-                out[:, 2] = side * up * np.cos(angle)
-                model = fit.eval(light, out).mean(axis=1) * np.cos(angle)
-                where = angle if side > 0.0 else np.pi - angle
-                panel.plot(where, np.cbrt(np.maximum(model, 0.0)), "-", color=FITTED, linewidth=1.3)
-            panel.plot([-np.radians(lights.theta[k])] * 2, [0.0, panel.get_rmax()], ":", color="#666666")
-            panel.set_theta_zero_location("N")
-            panel.set_theta_direction(-1)
-            if not both:
-                panel.set_thetamin(-90)
-                panel.set_thetamax(90)
-            panel.set_rmin(0.0)
-            panel.set_title(f"θi {lights.theta[k]:.0f}°, φi {np.degrees(turn) % 360.0:.0f}°", fontsize=9)
-            panel.tick_params(labelsize=6.5)
-            panel.set_xticks(np.radians([-60, -30, 0, 30, 60]))
-            panel.grid(color="#dddddd", linewidth=0.6)
-    figure.suptitle(
-        f"Plane of incidence: cubic root of p [1/sr]; measured (green), {fit.model} fit (red); "
-        "light dotted, on the left",
-        fontsize=10,
-    )
+            if k is not None:
+                turn = float(phi if lights.theta[k] < 1.0 else lights.phi[k])
+                _plane_panel(panel, table.select(lights.rows[k]), fit, sides, turn)
+                title = f"θi {lights.theta[k]:.0f}°, φi {turn % 360.0:.0f}°"
+                panel.set_title(title, fontsize=9)
+    words = f"Cubic root of p [1/sr] in the plane of incidence: measured green, {fit.model} fit red"
+    figure.suptitle(f"{words}; the light is on the left (dotted)", fontsize=10)
     _save(figure, path)
+
+
+def _plane_panel(
+    panel: Any, rows: MeasuredTable, fit: Fit, sides: Sequence[str], phi: float
+) -> None:
+    """One incident direction: distance from the middle is p^(1/3), the angle theta_o."""
+    light = rows.wi[0]
+    up = float(np.sign(light[2]))
+    turn = np.radians(phi)
+    forward = np.array([-np.cos(turn), -np.sin(turn), 0.0])  # away from the light
+    normal = np.array([0.0, 0.0, up])
+    p = rows.transfer.mean(axis=1)
+    across = np.abs(rows.wo[:, 0] * forward[1] - rows.wo[:, 1] * forward[0])
+    near = (across < OFF_PLANE) & (p != 0.0)
+    radius = np.cbrt(np.maximum(p[near], 0.0))
+    top = float(radius.max(initial=1e-6))
+    wo = rows.wo[near]
+    panel.plot(radius * (wo @ forward), radius * (wo @ normal), ".", color=MEASURED, markersize=3.5)
+    angle = np.radians(np.linspace(-89.9, 89.9, 721))
+    for side in sides:
+        z = up if side == "reflection" else -up
+        out = np.sin(angle)[:, None] * forward + z * np.cos(angle)[:, None] * [0.0, 0.0, 1.0]
+        model = np.cbrt(np.maximum(fit.eval(light, out).mean(axis=1) * np.cos(angle), 0.0))
+        top = max(top, float(model.max()))
+        panel.plot(model * np.sin(angle), z * up * model * np.cos(angle), color=FITTED, lw=1.1)
+    ring = np.linspace(-0.5, 0.5, 91) * np.pi
+    for part in (0.5, 1.0):
+        for z in (1.0, -1.0)[: len(sides)] if sides[0] == "reflection" else (-1.0,):
+            x, y = part * top * np.sin(ring), z * part * top * np.cos(ring)
+            panel.plot(x, y, color="#cccccc", lw=0.6, zorder=0)
+    panel.plot([-top, top], [0.0, 0.0], color="#888888", lw=0.8, zorder=0)
+    tip = top * light
+    panel.plot([0.0, tip @ forward], [0.0, tip @ normal], ":", color="#666666", lw=1.0)
+    panel.text(top, 0.0, f"{top:.2g}", fontsize=7, ha="right", va="top", color="#666666")
+    panel.set_aspect("equal")
 
 
 def _disc_directions(phi: float, sign: float) -> tuple[Float64Array, npt.NDArray[np.bool_]]:
@@ -222,7 +219,8 @@ def discs_plot(table: MeasuredTable, fit: Fit, path: pathlib.Path) -> None:
             panel.set_title(f"{side}, {('measured', fit.model + ' fit')[kind]}", fontsize=9)
             _mark(panel, centres)
             _ticks(panel, thetas, phis, across)
-        bar = figure.colorbar(shown, ax=panels[at // columns, :].tolist(), shrink=0.9, pad=0.01)
+        own = panels.reshape(-1)[2 * index : 2 * index + 2].tolist()
+        bar = figure.colorbar(shown, ax=own, shrink=0.9, pad=0.01)
         bar.ax.tick_params(labelsize=7)
         bar.set_label("p^(1/3)", fontsize=8)
     figure.suptitle("All outgoing directions; light at the top, green: the tangent", fontsize=10)
@@ -237,7 +235,10 @@ def _mark(panel: Any, centres: Sequence[tuple[float, float, float]]) -> None:
         dx, dy = 0.49 * DISC * np.cos(turn), -0.49 * DISC * np.sin(turn)
         for near, far in ((0.86, 1.0), (-1.0, -0.86)):
             panel.plot(
-                [x + near * dx, x + far * dx], [y + near * dy, y + far * dy], color="#20d020", lw=1.4
+                [x + near * dx, x + far * dx],
+                [y + near * dy, y + far * dy],
+                color="#20d020",
+                lw=1.4,
             )
 
 
@@ -264,9 +265,16 @@ def angles_plot(lines: Sequence[AngleLine], fit: Fit, path: pathlib.Path) -> Non
             continue
         theta = [x.theta for x in own]
         left.plot(theta, [x.error for x in own], f"-{mark}", color="#333333", label=side, ms=4)
-        right.plot(theta, [x.measured for x in own], mark, color=MEASURED, label=f"{side}, measured")
         right.plot(
-            theta, [x.fitted for x in own], f"-{mark}", color=FITTED, ms=3, label="fitted, same rows"
+            theta, [x.measured for x in own], mark, color=MEASURED, label=f"{side}, measured"
+        )
+        right.plot(
+            theta,
+            [x.fitted for x in own],
+            f"-{mark}",
+            color=FITTED,
+            ms=3,
+            label="fitted, same rows",
         )
         right.plot(theta, [x.model for x in own], "--", color=FITTED, label="fitted, whole")
     left.set_ylabel(f"error ({fit.metric})")

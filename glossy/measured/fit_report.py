@@ -17,8 +17,8 @@ import numpy.typing as npt
 from ..brdf import Lobe, Material
 from ..image_write import replacing
 from .fit import SIDES, Fit
-from .fit_metrics import METRICS, finish, transform
 from .fit_kernels import L1
+from .fit_metrics import METRICS, finish, transform
 from .fit_rows import row_weights
 from .solid_angle import solid_angles
 from .table import MeasuredTable
@@ -77,7 +77,9 @@ def angle_lines(table: MeasuredTable, fit: Fit) -> list[AngleLine]:
                     error=finish(float(cost[rows].sum()), float(w[rows].sum()) or 1.0, code),
                     measured=float((share * p[rows]).sum(axis=0).mean()),
                     fitted=float((share * (q * seen)[rows]).sum(axis=0).mean()),
-                    model=_albedo(fit, side, lights[group], float((share * q[rows]).sum() / fit.channels)),
+                    model=_albedo(
+                        fit, side, lights[group], float((share * q[rows]).sum() / fit.channels)
+                    ),
                 )
             )
     return lines
@@ -170,7 +172,8 @@ def report_text(
     ]
     if fit.at_bounds:
         parts.append(
-            f"On a bound, so not held by the data (or bounded too tightly): {', '.join(fit.at_bounds)}."
+            "On a bound, so not held by the data (or bounded too tightly): "
+            f"{', '.join(fit.at_bounds)}."
         )
     if fit.material is not None:
         parts += ["## Material", f"```toml\n{material_text(fit.material)}```"]
@@ -195,7 +198,8 @@ def report_text(
     ]
     parts += ["## By incident angle", "\n".join([head, "|---|---|---|---|---|---|---|---|", *rows])]
     parts.append(
-        "Albedos are means over channels and azimuths. *Same rows* leaves out what was not measured."
+        "Albedos are means over channels and azimuths. *Same rows* leaves out what was not "
+        "measured."
     )
     parts += [
         "## Pictures",
