@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .image import Image, read_image, write_exr, write_image
     from .irradiance import irradiance, irradiance_map
     from .materials import material, material_names
+    from .measured.fit import fit_table
     from .measured.read import read_measured
     from .measured.table import MeasuredTable
     from .metrics import (
@@ -67,6 +68,7 @@ _WHERE = {
     "difference_picture": "difference",
     "energy": "energy",
     "environment": "environment",
+    "fit_table": "measured.fit",
     "export_shader": "export.shader",
     "importance_pattern": "pattern",
     "irradiance": "irradiance",
@@ -120,6 +122,7 @@ __all__ = [
     "energy",
     "environment",
     "export_shader",
+    "fit_table",
     "importance_pattern",
     "irradiance",
     "irradiance_map",

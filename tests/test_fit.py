@@ -23,6 +23,7 @@ FROSTED = glossy.Material(
     0.3,
     [glossy.Lobe(0.2, ks=0.5, r0=0.3)],
     [glossy.Lobe(0.3, ks=0.6, r0=0.0, alpha=0.2)],
+    diffuse_transmission=0.1,
 )
 PAINT = glossy.Material((0.4, 0.2, 0.1), [glossy.Lobe(0.15, ks=(0.9, 0.7, 0.5), r0=0.2)])
 
@@ -80,6 +81,8 @@ def test_parameters_come_back_from_a_clean_table(material: glossy.Material) -> N
     assert fit.material is not None
     assert fit.error < 1e-7
     assert fit.material.kd == pytest.approx(material.kd, abs=1e-5)
+    below = fit.material.diffuse_transmission
+    assert below == pytest.approx(material.diffuse_transmission, abs=1e-5)
     for found, true in zip(fit.material.lobes, material.lobes, strict=True):
         for name in ("mx", "my", "alpha", "r0", "ks"):
             assert getattr(found, name) == pytest.approx(getattr(true, name), abs=2e-4), name

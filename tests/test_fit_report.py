@@ -73,7 +73,11 @@ def test_half_a_hemisphere_of_an_isotropic_surface_stands_for_the_whole() -> Non
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
 @pytest.mark.parametrize(
     "material",
-    [FROSTED, glossy.Material((0.1, 0.2, 0.3), [glossy.Lobe(0.1, ks=(0.5, 0.25, 0.125))])],
+    [
+        FROSTED,
+        glossy.Material((0.1, 0.2, 0.3), [glossy.Lobe(0.1, ks=(0.5, 0.25, 0.125))]),
+        glossy.Material(0.25, diffuse_transmission=0.5),
+    ],
 )
 def test_a_written_material_reads_back(
     material: glossy.Material, suffix: str, tmp_path: pathlib.Path

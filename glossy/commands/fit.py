@@ -16,8 +16,8 @@ examples:
   glossy fit paint.bsdf --compare ward,beckmann,ggx --report fit-out -o paint.toml
   glossy render --material paint.toml --env room.hdr -o paint.exr
 
-A name of --bound and --fix is mx, my, alpha, r0, ks or kd, for all lobes, or one lobe's:
-reflection[0].mx. DIR of --report receives report.md, fit.json and three pictures.
+A name of --bound and --fix is kd, diffuse_transmission, or mx, my, alpha, r0 or ks for all lobes,
+or one lobe's: reflection[0].mx. DIR of --report receives report.md, fit.json and three pictures.
 """
 
 

@@ -29,7 +29,7 @@ from .fit_metrics import METRICS, errors, finish, metric_code, model_values, tra
 from .fit_polish import Clock
 from .fit_rows import MODELS, WEIGHTS, Rows, diffuse_mode, features, lit_from, rows_of
 from .fit_search import Search, Stage
-from .fit_space import SPACINGS, Bounds, Fixed, Space, check_names, make_space
+from .fit_space import DIFFUSE, SPACINGS, Bounds, Fixed, Space, check_names, make_space
 from .table import MeasuredTable
 
 Float64Array = npt.NDArray[np.float64]
@@ -48,8 +48,8 @@ class Fit:
     """A fitted model and how it was found.
 
     ``material`` is None for the baselines, which can be evaluated but not rendered.
-    ``parameters``: side -> kd of every channel, then mx, my, alpha, r0, ks of every channel for
-    each lobe. ``error`` is over all rows, ``errors`` by side, ``stages`` in order. ``at_bounds``
+    ``parameters``: side -> kd (transmission: diffuse_transmission) of every channel, then mx, my,
+    alpha, r0 and ks of every channel for each lobe. ``error`` is over all rows, ``errors`` by side, ``stages`` in order. ``at_bounds``
     names the parameters that ended on a bound. ``stopped``: the time limit was reached.
     """
 
@@ -79,8 +79,9 @@ class Fit:
             own = np.flatnonzero(sign * i[:, 2] * o[:, 2] > 0.0)
             c = np.abs(i[own, 2] * o[own, 2])
             none = np.zeros((len(own), self.channels))
-            kd = c / np.pi if sign > 0.0 else np.zeros_like(c)
-            rows = Rows(features(i[own], o[own], self.model), kd, none, none, self.is_ggx, sign)
+            rows = Rows(
+                features(i[own], o[own], self.model), c / np.pi, none, none, self.is_ggx, sign
+            )
             out[own] = model_values(rows, p) / c[:, None]
         return out.reshape(*shape, self.channels)
 
@@ -140,9 +141,11 @@ def fit_table(
         Rows with the light "above" the surface, "below" it (seen from there), or "both".
     bounds, fixed : mapping
         Name -> (low, high), name -> value (``ks`` and ``kd`` may have one a channel). A name is
-        ``mx``, ``my``, ``alpha``, ``r0``, ``ks`` or ``kd``, or one lobe's: ``reflection[1].mx``.
+        ``mx``, ``my``, ``alpha``, ``r0``, ``ks``, ``kd`` or ``diffuse_transmission``, or one
+        lobe's: ``reflection[1].mx``.
     kd : str
-        "free": the histogram's mode is where the polish starts; "mode": it stays.
+        "free": the histogram's mode is where the polish starts; "mode": it stays. Both diffuse
+        terms.
     isotropic : bool, optional
         Whether my equals mx; what the table says by default.
     grid, levels, rounds : int
@@ -199,13 +202,12 @@ def fit_table(
         if side == "transmission" and not any(k in own for k in ("r0", "transmission.r0")):
             own["transmission.r0"] = 0.0
         space = make_space(side, counts[side], r.channels, bounds, own, tied)
-        modes = np.zeros(r.channels)
-        if side == "reflection":
-            modes = np.array([diffuse_mode(v) for v in table.reflection.f.T])
-            c = slice(0, r.channels)
-            modes = np.clip(modes, space.low[c], space.high[c])
-            if kd == "mode":
-                space.low[c] = space.high[c] = modes
+        part = table.reflection if side == "reflection" else table.transmission
+        c = slice(0, r.channels)
+        modes = np.array([diffuse_mode(v) for v in part.f.T])
+        modes = np.clip(modes, space.low[c], space.high[c])
+        if kd == "mode":
+            space.low[c] = space.high[c] = modes
         jobs.append((r, space, modes))
     if not jobs:
         raise _check.fail("reflection, transmission", "at least one lobe is needed", counts)
@@ -246,9 +248,8 @@ def _result(
         by_side[space.side] = finish(sums[-1], totals[-1], code)
         on += space.at_bounds(p)
         parts[space.side] = _lobes(space, p)
-        if space.side == "reflection":
-            kd = p[: space.channels].tolist()
-            parts["kd"] = kd[0] if space.channels == 1 else kd
+        diffuse = p[: space.channels].tolist()
+        parts[DIFFUSE[space.side]] = diffuse[0] if space.channels == 1 else diffuse
     return Fit(
         model=model,
         metric=metric,

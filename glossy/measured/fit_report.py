@@ -103,8 +103,12 @@ def _albedo(fit: Fit, side: str, lights: Float64Array, summed: float) -> float:
 def material_text(material: Material, suffix: str = ".toml") -> str:
     """A material as the file that ``--material`` takes, TOML or JSON, nine digits."""
     if suffix == ".json":
-        return json.dumps(_rounded(dataclasses.asdict(material)), indent=2) + "\n"
+        values = {"kd": material.kd, **_below(material)}
+        for side in SIDES:
+            values[side] = [dataclasses.asdict(lobe) for lobe in getattr(material, side)]
+        return json.dumps(_rounded(values), indent=2) + "\n"
     blocks = [f"kd = {_toml(material.kd)}\n"]
+    blocks[0] += "".join(f"{k} = {_toml(v)}\n" for k, v in _below(material).items())
     for side in SIDES:
         for lobe in getattr(material, side):
             lines = [
@@ -112,6 +116,12 @@ def material_text(material: Material, suffix: str = ".toml") -> str:
             ]
             blocks.append(f"[[{side}]]\n" + "".join(lines))
     return "\n".join(blocks)
+
+
+def _below(material: Material) -> dict[str, Any]:
+    """The diffuse transmission, if there is any."""
+    some = np.any(np.asarray(material.diffuse_transmission) > 0.0)
+    return {"diffuse_transmission": material.diffuse_transmission} if some else {}
 
 
 def _rounded(value: Any) -> Any:
@@ -136,12 +146,12 @@ def write_text(path: pathlib.Path, text: str) -> None:
 def parameter_table(fit: Fit) -> str:
     """The fitted parameters as a Markdown table, a line a lobe."""
     lines = [
-        "| side | mx | my | alpha | r0 | ks | kd |",
+        "| side | mx | my | alpha | r0 | ks | diffuse |",
         "|---|---|---|---|---|---|---|",
     ]
     c = fit.channels
     for side, p in fit.parameters.items():
-        kd = _numbers(p[:c]) if side == "reflection" else "–"
+        kd = _numbers(p[:c])
         lobes = p[c:].reshape(-1, 4 + c)
         for lobe in lobes:
             shape = " | ".join(f"{v:.4g}" for v in lobe[:4])

@@ -18,7 +18,8 @@ model has the heavy-tailed density and the height-correlated masking of Smith, a
     ggx        P = tilt^2 / (4 pi mx my) (1 + X/mx^2 + Y/my^2)^-2  2 / (s_i + s_o)       (5)
                s = sqrt(1 + (mx^2 x^2 + my^2 y^2) / z^2)  of each direction
 
-So one exponential a row is all that a lobe costs, and ks r0 and ks (1 - r0) enter linearly.
+So one exponential a row is all that a lobe costs, and ks r0 and ks (1 - r0) enter linearly. The
+diffuse part is y = kd c / pi, in transmission with ``diffuse_transmission`` for kd.
 
 Sources: Kurt et al. 2010 and thesis eqs. 3.4-3.6 (kurt); Ward 1992 (3); Cook and Torrance 1982 with
 the normalisation 4 (4); Walter et al. 2007, Heitz 2014 (5). Only ``kurt`` can be rendered; the
@@ -47,7 +48,7 @@ class Rows:
     """The rows of one side, K of them in C channels.
 
     ``features`` (9, K): X, Y, S, ln c, g, then x^2/z^2 and y^2/z^2 of both directions;
-    ``diffuse`` (K,): c / pi, zero in transmission; ``measured`` (K, C): f c; ``weight`` (K, C):
+    ``diffuse`` (K,): c / pi; ``measured`` (K, C): f c; ``weight`` (K, C):
     zero where nothing was measured; ``ggx``: eq. (5) in place of (2); ``sign``: +1 reflection,
     -1 transmission.
     """
@@ -145,7 +146,7 @@ def rows_of(table: MeasuredTable, side: str, model: str, weights: str) -> Rows |
     c = np.abs(wi[:, 2] * wo[:, 2])
     return Rows(
         features=_check.frozen(features(wi, wo, model)),
-        diffuse=_check.frozen(c / math.pi if reflection else np.zeros_like(c)),
+        diffuse=_check.frozen(c / math.pi),
         measured=_check.frozen(f * c[:, None]),
         weight=_check.frozen(w),
         ggx=model == "ggx",
@@ -154,7 +155,7 @@ def rows_of(table: MeasuredTable, side: str, model: str, weights: str) -> Rows |
 
 
 def diffuse_mode(f: npt.ArrayLike) -> float:
-    """Kd = pi times the most common BRDF value, thesis section 3.4.1.
+    """Kd = pi times the most common BSDF value, thesis section 3.4.1.
 
     The value is the mean of the fullest bin of a histogram of the non-zero values ``f`` (K,); the
     bins are 2 IQR / K^(1/3) wide (Freedman and Diaconis 1981) and end at the 95th percentile,
