@@ -49,8 +49,9 @@ class Fit:
 
     ``material`` is None for the baselines, which can be evaluated but not rendered.
     ``parameters``: side -> kd (transmission: diffuse_transmission) of every channel, then mx, my,
-    alpha, r0 and ks of every channel for each lobe. ``error`` is over all rows, ``errors`` by side, ``stages`` in order. ``at_bounds``
-    names the parameters that ended on a bound. ``stopped``: the time limit was reached.
+    alpha, r0 and ks of every channel for each lobe. ``error`` is over all rows, ``errors`` by side,
+    ``stages`` in order. ``at_bounds`` names the parameters that ended on a bound. ``stopped``: the
+    time limit was reached.
     """
 
     model: str
