@@ -39,6 +39,7 @@ if TYPE_CHECKING:
         rms,
     )
     from .pattern import Pattern, importance_pattern, pattern_for_budget, regular_pattern
+    from .planes import BoundingPlanes
     from .pyramid import Pyramid, build_pyramid
     from .reference import Truth, reference, reference_passes
     from .scene import load_scene
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from .trace import trace
 
 _WHERE = {
+    "BoundingPlanes": "planes",
     "Camera": "camera",
     "Comparison": "metrics",
     "CubeMap": "cubemap",
@@ -100,6 +102,7 @@ _WHERE = {
 }
 
 __all__ = [
+    "BoundingPlanes",
     "Camera",
     "Comparison",
     "CubeMap",
