@@ -32,7 +32,8 @@ from .planes import BoundingPlanes
 from .pyramid import Pyramid
 from .sampler import k_trilinear_rgb
 from .shading import CHUNK, k_frame, k_fresnel, k_tap
-from .thesis import BY_BRDF_COS, MeanTable, k_share
+from .thesis import MeanTable, k_share
+from .thesis_tiles import BY_BRDF_COS
 from .trace import SUM, TABLES
 
 FloatArray = npt.NDArray[np.floating]
