@@ -234,6 +234,8 @@ def test_nothing_is_paid_for_that_the_material_does_not_have(language: str) -> N
     for word in ("Fresnel", "pow(", "LobeArea", "Lobe2", "ALPHA", "- normal"):
         assert word not in bare
     text = glossy.export_shader(FOIL, language)
+    assert "diffuse part left out" not in text
+    assert "diffuse part left out" in glossy.export_shader(glossy.material("white-foil"), language)
     for word in ("Fresnel(", "FresnelRest(", "LobeArea(", "Lobe3(", "- normal"):
         assert word in text
 
@@ -244,6 +246,9 @@ def test_the_text_is_tidy(language: str, method: str) -> None:
     text = glossy.export_shader(FOIL, language, method)
     assert "$" not in text
     assert text.isascii()
+    if language != "wgsl":
+        code = re.sub("//.*", "", text)
+        assert not re.search(r"\b(let|var|fn|f32|i32|textureSampleLevel)\b|->|vec\d<|: ", code)
     assert text.endswith("}\n")
     assert not re.search(r"[ \t]$", text, flags=re.MULTILINE)
     assert max(map(len, text.splitlines())) <= 102
