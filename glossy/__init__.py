@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .image import Image, read_image, write_exr, write_image
     from .irradiance import irradiance, irradiance_map
     from .materials import material, material_names
-    from .measured.fit import fit_table
+    from .measured.material import MeasuredMaterial, measured_material
     from .measured.read import read_measured
     from .measured.table import MeasuredTable
     from .metrics import (
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
         rms,
     )
     from .pattern import Pattern, importance_pattern, pattern_for_budget, regular_pattern
-    from .planes import BoundingPlanes
     from .pyramid import Pyramid, build_pyramid
     from .reference import Truth, reference, reference_passes
     from .scene import load_scene
@@ -49,7 +48,6 @@ if TYPE_CHECKING:
     from .trace import trace
 
 _WHERE = {
-    "BoundingPlanes": "planes",
     "Camera": "camera",
     "Comparison": "metrics",
     "CubeMap": "cubemap",
@@ -57,6 +55,7 @@ _WHERE = {
     "Image": "image",
     "Lobe": "brdf",
     "Material": "brdf",
+    "MeasuredMaterial": "measured.material",
     "MeasuredTable": "measured.table",
     "Pattern": "pattern",
     "Plane": "camera",
@@ -70,7 +69,6 @@ _WHERE = {
     "difference_picture": "difference",
     "energy": "energy",
     "environment": "environment",
-    "fit_table": "measured.fit",
     "export_shader": "export.shader",
     "importance_pattern": "pattern",
     "irradiance": "irradiance",
@@ -80,6 +78,7 @@ _WHERE = {
     "mae": "metrics",
     "material": "materials",
     "material_names": "materials",
+    "measured_material": "measured.material",
     "pattern_for_budget": "pattern",
     "psnr": "metrics",
     "read_environment": "environment",
@@ -102,7 +101,6 @@ _WHERE = {
 }
 
 __all__ = [
-    "BoundingPlanes",
     "Camera",
     "Comparison",
     "CubeMap",
@@ -110,6 +108,7 @@ __all__ = [
     "Image",
     "Lobe",
     "Material",
+    "MeasuredMaterial",
     "MeasuredTable",
     "Pattern",
     "Plane",
@@ -125,7 +124,6 @@ __all__ = [
     "energy",
     "environment",
     "export_shader",
-    "fit_table",
     "importance_pattern",
     "irradiance",
     "irradiance_map",
@@ -134,6 +132,7 @@ __all__ = [
     "mae",
     "material",
     "material_names",
+    "measured_material",
     "pattern_for_budget",
     "psnr",
     "read_environment",

@@ -21,7 +21,6 @@ COMMANDS = (
     "trace",
     "pattern",
     "environment",
-    "fit",
     "stability",
 )
 BAD_INPUT = 2

@@ -227,8 +227,11 @@ def render_scene(scene: Scene) -> Rendering:
     )
 
 
-def render_reference(scene: Scene, estimator: str = "texels", **options: Any) -> TruthRendering:
+def render_reference(scene: Scene, estimator: str | None = None, **options: Any) -> TruthRendering:
     """The ground truth of a scene; ``options`` are those of ``reference``.
+
+    ``estimator`` is ``texels`` by default, and ``qmc`` for a file of measurements, for which
+    ``texels`` is slow.
 
     Raises
     ------
@@ -238,7 +241,8 @@ def render_reference(scene: Scene, estimator: str = "texels", **options: Any) ->
     from .reference import reference
 
     clock = Clock()
-    material, points = scene.load_material(), scene.points()
+    material, points = scene.load_bsdf(), scene.points()
+    estimator = estimator or ("qmc" if scene.is_measured else "texels")
     clock.lap("scene")
     cube = scene.environment.load()
     clock.lap("environment")

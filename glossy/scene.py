@@ -41,6 +41,7 @@ from .frames import SurfacePoints
 if TYPE_CHECKING:
     from .brdf import Material
     from .cubemap import CubeMap
+    from .measured.material import MeasuredMaterial
     from .scenes.model import ObjectScene
 
 __all__ = [
@@ -57,6 +58,7 @@ __all__ = [
 ]
 
 SHAPES = ("sphere", "plane")
+MEASURED = (".bsdf", ".brdf", ".xml", ".binary", ".txt", ".dat")
 BACKGROUNDS = ("environment", "black")
 
 
@@ -141,8 +143,25 @@ class Scene:
         return surface_points(camera, self.shape)
 
     def load_material(self) -> "Material":
-        """The material that ``material`` names or describes."""
+        """The material that ``material`` names or describes; measured ones are refused."""
+        if self.is_measured:
+            rule = "is measured: the ground truth takes it, the methods need lobes fitted to it"
+            raise _check.fail("material", rule, self.material)
         return make_material(self.material)
+
+    def load_bsdf(self) -> "Material | MeasuredMaterial":
+        """What the ground truth integrates: the material, or a file of measurements as it is."""
+        if not self.is_measured:
+            return make_material(self.material)
+        from .measured.material import measured_material
+
+        return measured_material(str(self.material))
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether ``material`` is a file of measurements, by its suffix."""
+        text = self.material
+        return isinstance(text, str) and pathlib.Path(text).suffix.lower() in MEASURED
 
 
 def make_material(value: str | Mapping[str, Any]) -> "Material":

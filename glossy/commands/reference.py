@@ -14,10 +14,13 @@ examples:
   glossy reference --env spots --material mx=.15 -o truth.exr
   glossy reference --env room.hdr --size 256 --tolerance 1e-4 -o truth.exr
   glossy reference room --supersampling 1 --estimator qmc --samples 1024 -o truth.exr
+  glossy reference --env studio --material paint.bsdf --samples 512 -o truth.exr
   glossy reference scene.toml --estimator qmc --samples 4096 --seed 1 -o truth.exr --json
 
 The EXR holds R, G, B and the error of each pixel and channel as error.R, error.G, error.B:
 a bound on the absolute error (texels) or its standard error (mc, qmc).
+The material may be a file of measurements: .bsdf (RGL), .brdf (Cornell), .xml (Klems), .binary
+(MERL), .txt or .dat (table).
 """
 
 
@@ -36,7 +39,11 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     options.add_background_argument(parser)
     options.add_exposure_argument(parser)
     group = parser.add_argument_group("estimator")
-    group.add_argument("--estimator", choices=("texels", "mc", "qmc"), default="texels")
+    group.add_argument(
+        "--estimator",
+        choices=("texels", "mc", "qmc"),
+        help="default texels; qmc for a file of measurements",
+    )
     group.add_argument("--tolerance", type=float, metavar="X", help="relative error to reach")
     group.add_argument("--samples", type=int, metavar="N", help="samples per pixel (mc, qmc)")
     group.add_argument("--seed", type=int, default=0, help="of the random numbers (default 0)")
