@@ -7,6 +7,7 @@ Table 1; the binomial weights are our reading of "Gauss 4 x 4" and "6 x 6")::
     gauss4  [1 3 3 1]/8
     gauss6  [1 5 10 10 5 1]/32
     round   8 x 8 weights of its own for every texel: taps round on the sphere (``round_weights``)
+    pem5:*  [1 1]/2, then five taps at the new level (``pem_filter``)
 
 How wide a tap is, and which level has a given width: ``taps``.
 
@@ -29,11 +30,12 @@ from . import _check
 from ._jit import Scalar, kernel, parallel_kernel
 from ._rows import LANES, LINE, OUTPUT_ROWS, halve_rows, quarter_rgb
 from .cubemap import MAX_SIZE, CubeMap
+from .pem_filter import PEM_TAPS, smooth
 from .round_filter import reduce_round
 from .sampler import sample_chain
 from .seams import PAD, fold_table, k_fill_seams
 
-FILTERS = ("box", "gauss4", "gauss6", "round")
+FILTERS = ("box", "gauss4", "gauss6", "round", *PEM_TAPS)
 STORAGES = ("rgba32f", "rgba16f")
 HALF_MAX = 65504.0
 LEVEL_ROUNDINGS = ("even", "opengl")
@@ -287,7 +289,11 @@ class Pyramid:
             _reduce(self._buffer, self._chain, WEIGHTS[filter], table, first, last)
             return
         for i in range(first, last + 1):
-            reduce_round(self._padded[i - 1], self._padded[i], table, deltas=i == 1)
+            if filter == "round":
+                reduce_round(self._padded[i - 1], self._padded[i], table, deltas=i == 1)
+            else:
+                _reduce(self._buffer, self._chain, WEIGHTS["box"], table, i, i)
+                smooth(self._padded[i], filter, table)
 
     @staticmethod
     def _warn_clamped(over: int) -> None:
@@ -392,9 +398,9 @@ def build_pyramid(cube: CubeMap, filter: str = "gauss6", storage: str = "rgba32f
     ----------
     cube : CubeMap
         Its size must be a power of two.
-    filter : "box", "gauss4", "gauss6" or "round"
+    filter : "box", "gauss4", "gauss6", "round", or "pem5:" and box, gauss, cos or sqrtcos
         Kernel per axis before decimation by two; "round" weighs each texel's neighbourhood by
-        itself.
+        itself, "pem5:..." smooths after it.
     storage : "rgba32f" or "rgba16f"
         ``rgba16f`` rounds each level to half floats before the next is made from it, as a renderer
         that draws into a half-float texture does.

@@ -6,9 +6,9 @@ level 0, averaged over where the lookup falls between texels, is ::
     sigma^2(0) = 1/6,  sigma^2(l) = a 4^l - b  for l = 1, 2, ...                               (1)
     sigma^2(l + f) = (1 - f) sigma^2(l) + f sigma^2(l + 1)                                     (2)
 
-Each level adds its kernel's variance k (box 1/4, gauss4 3/4, gauss6 5/4 texels of the level above),
-the lookup 1/6 of its own texels: a = k/3 + 1/6, b = k/3. ``round`` is built to have a = 1, b = 0.
-On the sphere a texel of level 0 spans ::
+Each level adds its kernel's variance k (box 1/4, gauss4 3/4, gauss6 5/4 texels of the level above;
+pem5 the box's and 4 times that of its five taps), the lookup 1/6 of its own texels: a = k/3 + 1/6,
+b = k/3. ``round`` is built to have a = 1, b = 0. On the sphere a texel of level 0 spans ::
 
     angle = 2 / N d^(-3/2),  d = |w| / |w|_inf                                                 (3)
 
@@ -26,10 +26,16 @@ import numpy.typing as npt
 
 from . import _check
 from ._jit import Scalar, kernel
+from .pem_filter import PEM_TAPS
 
 Float64Array = npt.NDArray[np.float64]
 
-_KERNEL_VARIANCE = {"box": 0.25, "gauss4": 0.75, "gauss6": 1.25}
+_KERNEL_VARIANCE = {
+    "box": 0.25,
+    "gauss4": 0.75,
+    "gauss6": 1.25,
+    **{name: 0.25 + 4.0 * (2.0 * b + 8.0 * c) for name, (_, b, c) in PEM_TAPS.items()},
+}
 
 BASE = np.float32(1.0 / 6.0)
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)

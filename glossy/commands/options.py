@@ -80,7 +80,9 @@ def add_method_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--samples", type=int, metavar="N", help="samples per lobe (default 20)")
     group.add_argument("--threshold", type=float, metavar="X", help="pattern's density threshold")
     group.add_argument(
-        "--filter", metavar="NAME", help="pyramid: box, gauss4, gauss6 or round (gauss6)"
+        "--filter",
+        metavar="NAME",
+        help="pyramid: box, gauss4, gauss6, round, pem5:cos, ... (gauss6)",
     )
     group.add_argument("--footprint", metavar="NAME", help="paper, thesis or jacobian")
     group.add_argument("--normalisation", metavar="NAME", help="paper or projected")

@@ -35,7 +35,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     group.add_argument("--samples", metavar="N,N", help="budgets (default 7,14,20,30,50,100,270)")
     group.add_argument(
-        "--filter", metavar="NAME", help="pyramid: box, gauss4, gauss6 or round (gauss6)"
+        "--filter",
+        metavar="NAME",
+        help="pyramid: box, gauss4, gauss6, round, pem5:cos, ... (gauss6)",
     )
     group.add_argument(
         "--reference-tolerance", type=float, metavar="X", help="of the truth (default 1e-3)"
