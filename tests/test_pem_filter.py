@@ -36,10 +36,10 @@ def naive(fine: FloatArray, taps: list[float]) -> FloatArray:
     half = fine.astype(np.float64).reshape(6, n, 2, n, 2, 3).mean(axis=(2, 4))
     wide = glossy.Pyramid([half])._padded[0][..., :3].astype(np.float64)
     weights = np.array(taps) / sum(taps)
-    out = np.zeros_like(half)
+    out: FloatArray = np.zeros_like(half)
     for i, j in itertools.product(range(2 * PAD + 1), repeat=2):
         out += weights[i] * weights[j] * wide[:, i : i + n, j : j + n]
-    return out
+    return np.asarray(out)
 
 
 @pytest.mark.parametrize("size", [2, 16, 128])
