@@ -23,8 +23,9 @@ from glossy.pyramid import build_pyramid
 from glossy.reference import reference
 from glossy.scene import Sphere, default_camera, surface_points
 from glossy.study import claims, commandline
+from glossy.study.bench import Cell
 from glossy.study.measure import COARSE, Judge, best_bias
-from glossy.study.run import Cell, Study
+from glossy.study.run import Study
 from glossy.study.settings import Plan, case_of, default_cases, parse_method, threshold_for
 
 # --- settings -------------------------------------------------------------------------------------
@@ -183,7 +184,7 @@ def test_every_cell_is_measured(finished: Study) -> None:
 def test_a_cell_is_shade_against_reference(finished: Study) -> None:
     cell = next(c for c in finished.cells if c.method == "importance" and c.budget == 14)
     material = parse_material("mx=.2")
-    cube, points = finished.cube, finished.points
+    cube, points = finished.bench.cube, finished.bench.points
     truth = reference(points, material, cube, tolerance=finished.plan.tolerance)
     count = len(pattern_for_budget(material.reflection[0], 14, 0.2))
     image = shade(points, material, build_pyramid(cube), method="importance", samples=count)

@@ -17,9 +17,10 @@ from test_study import errors, study
 from glossy import CubeMap
 from glossy.cli import build_parser
 from glossy.scene import load_scene
+from glossy.study import bench as measuring
 from glossy.study import commandline, measure, plots
-from glossy.study import run as running
-from glossy.study.run import Cell, Study
+from glossy.study.bench import Bench, Cell
+from glossy.study.run import Study
 
 
 def small(folder: pathlib.Path, resume: bool = False) -> Study:
@@ -117,8 +118,8 @@ def test_a_finished_study_computes_nothing_again(
     def forbidden(*_: object, **__: object) -> None:
         raise AssertionError("computed again")
 
-    for name in ("_measure", "image"):
-        monkeypatch.setattr(Study, name, forbidden)
+    for name in ("measure", "image"):
+        monkeypatch.setattr(Bench, name, forbidden)
     monkeypatch.setattr(importlib.import_module("glossy.reference"), "reference", forbidden)
     again = small(tmp_path, resume=True)
     again.run()
@@ -141,7 +142,7 @@ def test_an_interruption_inside_a_measurement_keeps_the_finished_ones(
             raise KeyboardInterrupt
         return real(*args)
 
-    monkeypatch.setattr(running, "timed", cut)
+    monkeypatch.setattr(measuring, "timed", cut)
     with pytest.raises(KeyboardInterrupt):
         small(tmp_path).run()
     kept = sorted(p.name for p in (tmp_path / "kept" / "cells").iterdir())
@@ -192,7 +193,7 @@ def test_damaged_folders_are_refused_by_the_file(tmp_path: pathlib.Path, finishe
 
 def test_a_black_environment_is_refused(tmp_path: pathlib.Path) -> None:
     dark = small(tmp_path)
-    dark.cube = CubeMap(np.zeros((6, 4, 4, 3), np.float32))
+    dark.bench.cube = CubeMap(np.zeros((6, 4, 4, 3), np.float32))
     with pytest.raises(ValueError, match="environment: must light the surface"):
         dark.run()
     assert not list((tmp_path / "kept" / "truth").iterdir())
@@ -220,7 +221,7 @@ def test_the_pyramids_storage_comes_from_the_scene_file(tmp_path: pathlib.Path) 
     plan = commandline.plan_from(args, load_scene(file))
     assert plan.preparation == {"filter": "box", "storage": "rgba16f"}
     kept = study(tmp_path / "kept", filter="box", storage="rgba16f")
-    pyramid = kept.prepared(kept.plan.cases[0], kept.plan.methods[0])
+    pyramid = kept.bench.prepared(kept.plan.cases[0], kept.plan.methods[0])
     assert (pyramid.filter, pyramid.storage) == ("box", "rgba16f")
     assert kept.settings["storage"] == "rgba16f"
 

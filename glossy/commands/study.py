@@ -10,6 +10,8 @@ examples:
   glossy study --env room.hdr --size 512 --material mx=.2,my=.075 -o out
   glossy study --methods regular/paper,importance,thesis --samples 14,30,270 -o out
   glossy study --resume -o out          continue after an interruption
+  glossy study --workers 8 -o out       eight processes (needs the extra "dask")
+  glossy study --methods regular/jacobian,split-sum,bent/hdrp,axis-taps -o out
 
 A method is NAME or NAME/FOOTPRINT or NAME/FOOTPRINT/VARIANT; the variant is the normalisation of
 regular or the estimator of thesis, as in thesis/thesis/4.24. DIR receives report.md,
@@ -43,6 +45,11 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "--reference-tolerance", type=float, metavar="X", help="of the truth (default 1e-3)"
     )
     group.add_argument("--repeats", type=int, metavar="N", help="timed runs a cell (default 3)")
+    spread = group.add_mutually_exclusive_group()
+    spread.add_argument(
+        "--workers", type=int, metavar="N", help="processes, by Dask (default: none)"
+    )
+    spread.add_argument("--scheduler", metavar="tcp://...", help="of a running Dask cluster")
     group.add_argument("--resume", action="store_true", help="keep the finished cells in DIR")
     parser.add_argument(
         "-o", "--output", required=True, metavar="DIR", help="folder for the results"

@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from .run import Cell
+from .bench import Cell
 
 LOW = (7, 14, 20, 30)  # the paper's "low budgets"
 FIGURE_9 = (14, 30, 270)
@@ -73,10 +73,13 @@ class Table:
         found = [(self._by.get((c, a, n, bias)), self._by.get((c, b, n, bias))) for c, n in keys]
         return [(x, y) for x, y in found if x is not None and y is not None]
 
+    def row(self, method: str, case: str, bias: str) -> list[Cell | None]:
+        """The cell of one method and case at each budget, None where there is none."""
+        return [self._by.get((case, method, n, bias)) for n in self.budgets]
+
     def line(self, method: str, case: str, bias: str) -> list[Cell]:
         """The cells of one method and case over growing budgets."""
-        cells = [self._by.get((case, method, n, bias)) for n in self.budgets]
-        return [c for c in cells if c is not None]
+        return [c for c in self.row(method, case, bias) if c is not None]
 
 
 def _evidence(a: Cell, b: Cell, field: str = "rms") -> dict[str, Any]:

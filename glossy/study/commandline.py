@@ -4,11 +4,12 @@ import argparse
 import pathlib
 import shlex
 import time
+from contextlib import nullcontext
 from typing import Any
 
 from .. import _check
 from ..commands import options
-from . import claims, plots, report, settings, store
+from . import claims, plots, report, settings, spread, store
 from .run import Study
 
 SIDE = 128  # pixels of the default picture: the default study takes about a minute
@@ -20,7 +21,7 @@ def command_line(args: argparse.Namespace) -> str:
     words = ["glossy", "study"]
     if args.scene:
         words.append(str(args.scene))
-    skip = ("command", "run", "scene", "output", "resume", "json")
+    skip = ("command", "run", "scene", "output", "resume", "json", "workers", "scheduler")
     for name, value in sorted(vars(args).items()):
         if name not in skip and value is not None:
             words += ["--" + name.replace("_", "-"), str(value)]
@@ -89,6 +90,7 @@ def finish(study: Study, variants: dict[str, list[claims.Claim]]) -> list[str]:
 def run(args: argparse.Namespace) -> int:
     """The command."""
     start, command = time.perf_counter(), command_line(args)
+    spreads = args.workers is not None or args.scheduler is not None
     if args.scene is None:
         args.width = SIDE if args.width is None else args.width
         args.height = args.width if args.height is None else args.height
@@ -104,7 +106,8 @@ def run(args: argparse.Namespace) -> int:
         resume=args.resume,
         command=command,
     )
-    study.run(lambda steps: options.progress(steps, len(steps), "study"))
+    with spread.connect(args.workers, args.scheduler) if spreads else nullcontext() as client:
+        study.run(lambda steps: options.progress(steps, len(steps), "study"), client)
     variants = evaluate(study)
     names = finish(study, variants)
     if args.json:

@@ -13,13 +13,15 @@ import numpy as np
 import numpy.typing as npt
 
 from ..image_write import encode_srgb, replacing
+from .bench import comparable
 from .claims import Table
 from .measure import LUMINANCE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from .run import Cell, Study
+    from .bench import Cell
+    from .run import Study
 
 FloatArray = npt.NDArray[np.floating]
 
@@ -50,10 +52,16 @@ def speed_against_error(cells: Sequence["Cell"], path: pathlib.Path, subtitle: s
     down for a while moves no marker.
     Filled markers and full lines have the best bias, hollow ones and dashed lines none; the
     numbers are samples. Where the truth's own error is large enough to be seen it is shaded.
+    Cells whose times must not be compared with the others are left out (``comparable``).
     """
     from matplotlib.lines import Line2D
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+    whole, cells = len(cells), comparable(cells)
+    if cells[0].loaded:
+        subtitle += ", times under load"
+    if len(cells) < whole:
+        subtitle += f", {len(cells)} of {whole} cells"
     table, unit = Table(cells), baseline_microseconds(cells)
     methods = list(dict.fromkeys(c.method for c in cells))
     figure = _figure(max(5.2, 4.4 * len(table.cases)), 4.9)
@@ -157,16 +165,19 @@ def pictures(study: "Study", case_name: str, bias_kind: str, path: pathlib.Path)
         row = []
         for label in pair:
             method = next(m for m in study.plan.methods if m.label == label)
-            cell = next(c for c in table.line(label, case_name, bias_kind) if c.budget == budget)
-            row.append((cell, np.asarray(study.image(case, method, budget, cell.bias), float)))
+            line = table.line(label, case_name, bias_kind) or table.line(label, case_name, "zero")
+            cell = next((c for c in line if c.budget == budget), line[0])
+            row.append(
+                (cell, np.asarray(study.bench.image(case, method, cell.budget, cell.bias), float))
+            )
         rows.append(row)
-    height, width = study.seen.shape
+    height, width = study.bench.seen.shape
     aspect = height / width
     figure = _figure(12.6, 2.3 * aspect * len(budgets) + 0.35 * len(budgets) + 0.9)
     panels = figure.subplots(len(budgets), 5, squeeze=False)
 
     def show(panel: Any, values: FloatArray) -> None:
-        encoded = encode_srgb(np.clip(_grid(values, study.seen, 0.0) / white, 0.0, 1.0))
+        encoded = encode_srgb(np.clip(_grid(values, study.bench.seen, 0.0) / white, 0.0, 1.0))
         panel.imshow(encoded, interpolation="nearest")
 
     for panel_row, row in zip(panels, rows, strict=True):
@@ -180,7 +191,7 @@ def pictures(study: "Study", case_name: str, bias_kind: str, path: pathlib.Path)
         errors = [100.0 * np.abs((image - truth) @ LUMINANCE) / level for _, image in row]
         top = max(float(np.percentile(np.concatenate(errors), 99.5)), 1e-12)
         for panel, (cell, _), error in zip(panel_row[3:], row, errors, strict=True):
-            grid = np.ma.masked_array(_grid(error, study.seen, 0.0), ~study.seen)
+            grid = np.ma.masked_array(_grid(error, study.bench.seen, 0.0), ~study.bench.seen)
             scale = panel.imshow(grid, cmap="inferno", vmin=0.0, vmax=top, interpolation="nearest")
             panel.set_facecolor("#3a3a3a")
             figures = f"RMS {100.0 * cell.relative_rms:.3g} %"

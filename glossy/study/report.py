@@ -5,14 +5,14 @@ import dataclasses
 import io
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .bench import CPU_TOLERANCE, Cell, comparable
 from .claims import Claim, Table
 from .measure import BLOCK
-from .run import Cell
 
 if TYPE_CHECKING:
     from .run import Study
@@ -36,21 +36,28 @@ def error_table(cells: Sequence[Cell]) -> str:
         own = [c for c in cells if c.case == case]
         doubt = 100.0 * own[0].truth_error / max(own[0].truth_level, 1e-300)
         lines.append(f"{case}: RMS error / RMS of the truth [%], truth +-{doubt:.2g} %")
-        counts = [
-            table.line(methods[0], case, "zero")[k].samples for k in range(len(table.budgets))
-        ]
-        lines.append(_row("", "samples", [str(n) for n in counts], width))
+        counts = [next((c.samples for c in own if c.budget == n), None) for n in table.budgets]
+        header = ["" if n is None else str(n) for n in counts]
+        lines.append(_row("", "samples", header, width))
         for method in methods:
-            zero, best = (table.line(method, case, b) for b in ("zero", "best"))
-            lines.append(_row(method, "bias 0", [_percent(c) for c in zero], width))
-            lines.append(_row("", "best bias", [_percent(c) for c in best], width))
-            lines.append(_row("", "   (bias)", [f"{c.bias:+.2f}" for c in best], width))
+            zero, best = (table.row(method, case, b) for b in ("zero", "best"))
+            lines.append(_row(method, "bias 0", _texts(zero, _percent), width))
+            lines.append(_row("", "best bias", _texts(best, _percent), width))
+            lines.append(_row("", "   (bias)", _texts(best, lambda c: f"{c.bias:+.2f}"), width))
         lines.append("")
     return "\n".join(lines)
 
 
+def _texts(row: Sequence[Cell | None], text: Callable[[Cell], str]) -> list[str]:
+    return ["" if cell is None else text(cell) for cell in row]
+
+
 def time_table(cells: Sequence[Cell]) -> str:
-    """Times of the bias-0 cells on one thread: of a picture, over the baseline's, per sample."""
+    """Times of the bias-0 cells on one thread: of a picture, over the baseline's, per sample.
+
+    Times that must not be compared with the others of the table are left out (``comparable``).
+    """
+    shown = {id(c) for c in comparable(cells)}
     table = Table(cells)
     methods = list(dict.fromkeys(c.method for c in cells))
     width = max(len(m) for m in methods) + 2
@@ -58,17 +65,43 @@ def time_table(cells: Sequence[Cell]) -> str:
     for case in table.cases:
         lines.append(f"{case}: time of a picture on one thread; CPU time over the baseline's")
         for method in methods:
-            row = table.line(method, case, "zero")
-            for label, values in (
-                ("CPU ms", [1e3 * c.cpu_seconds for c in row]),
-                ("wall ms", [1e3 * c.seconds for c in row]),
-                ("CPU ratio", [c.cpu_ratio for c in row]),
-                ("CPU ns/tap", [c.ns_per_sample for c in row]),
+            row = [c if id(c) in shown else None for c in table.row(method, case, "zero")]
+            for label, name, unit in (
+                ("CPU ms", "cpu_seconds", 1e3),
+                ("wall ms", "seconds", 1e3),
+                ("CPU ratio", "cpu_ratio", 1.0),
+                ("CPU ns/tap", "ns_per_sample", 1.0),
             ):
-                texts = [f"{value:.3g}" for value in values]
+                texts = ["" if c is None else f"{unit * getattr(c, name):.3g}" for c in row]
                 lines.append(_row(method if label == "CPU ms" else "", label, texts, width))
         lines.append("")
-    return "\n".join(lines)
+    note = time_note(cells)
+    return "\n".join([*lines, *([note, ""] if note else [])])
+
+
+def time_note(cells: Sequence[Cell]) -> str:
+    """What must be said about the times: taken under load, or not all shown. Empty: nothing."""
+    shown = comparable(cells)
+    notes = []
+    if shown and shown[0].loaded:
+        notes.append("Times were taken while other cells ran: compare them with no others.")
+    if len(shown) < len(cells):
+        notes.append(
+            f"Times of {len(cells) - len(shown)} of {len(cells)} cells are left out: taken under "
+            "load or on another processor."
+        )
+    return " ".join(notes)
+
+
+def processor_note(cells: Sequence[Cell]) -> str:
+    """How far errors of different processors may differ; empty for one processor."""
+    models = sorted({c.cpu for c in cells})
+    if len(models) < 2:
+        return ""
+    return (
+        f"Measured on {len(models)} models of processor ({', '.join(models)}): an RMS error "
+        f"without bias may differ between them by {CPU_TOLERANCE:g} of the truth's RMS.\n"
+    )
 
 
 def _row(method: str, label: str, values: Sequence[str], width: int) -> str:
@@ -180,7 +213,13 @@ def markdown(study: "Study", variants: dict[str, list[Claim]], pictures: Sequenc
         parts.append("")
     if len(variants) > 1:
         parts += ["The same with the other regular variants:\n", variant_table(variants), ""]
-    parts += ["## Errors\n", "```", error_table(study.cells).rstrip(), "```\n"]
+    parts += [
+        "## Errors\n",
+        processor_note(study.cells),
+        "```",
+        error_table(study.cells).rstrip(),
+        "```\n",
+    ]
     parts += ["![error against time](speed.png)\n", "## Times\n"]
     parts += [_timing(study), "```", time_table(study.cells).rstrip(), "```\n"]
     if pictures:
@@ -213,6 +252,8 @@ def _timing(study: "Study") -> str:
     used = sorted({c.session for c in study.cells})
     if len(used) > 1:
         text += f"\nMeasured in {len(used)} sessions, which study.json lists.\n"
+    if last.get("workers"):
+        text += f"\nThe last session ran on {last['workers']}.\n"
     return text
 
 

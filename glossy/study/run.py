@@ -1,97 +1,27 @@
-"""Run a study: truth, then every case, method, budget and bias, each kept when it is finished.
+"""Run a study: the truth of every case, then its cells, each kept when it is finished.
 
-All methods of a budget take the count that the regular pattern reaches there (19 for 20), so that
-they are compared at equal samples; the thresholds are ``settings.threshold_for``.
+In this process one after another, or by Dask (``spread``) several at a time; the errors are the
+same bits on one model of processor.
 """
 
 import dataclasses
-import itertools
-import time
-from collections.abc import Callable, Iterator
-from inspect import signature
+import functools
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import numpy.typing as npt
-
 from ..frames import SurfacePoints
-from .measure import Figures, Judge, Timing, best_bias, one_thread, timed
-from .settings import Case, MethodSpec, Plan, digest, machine, threshold_for
+from .bench import Bench, Cell, Truth, cell_key
+from .settings import Case, MethodSpec, Plan, digest, machine
 from .store import Store
 
 if TYPE_CHECKING:
+    from distributed import Client
+
     from ..cubemap import CubeMap
 
-FloatArray = npt.NDArray[np.floating]
-BIAS_KINDS = ("zero", "best")
-
-
-@dataclasses.dataclass(frozen=True)
-class Cell:
-    """One measurement; field names are those of study.json and study.csv.
-
-    ``samples``: taps per pixel over all lobes (``taps``: of each); ``threshold``: None where the
-    method has none; ``truth_error``: RMS of the truth's own error estimate, in the units of
-    ``rms``; ``truth_level``: RMS of the truth; ``seconds`` to ``cpu_ratio``: see ``Timing``;
-    ``ns_per_sample``: CPU time of a tap; ``search``: the (bias, RMS of the subset) tried;
-    ``session``: which run measured it.
-    """
-
-    case: str
-    kind: str
-    widths: list[float]
-    method: str
-    budget: int
-    samples: int
-    taps: list[int]
-    threshold: float | None
-    bias_kind: str
-    bias: float
-    pixels: int
-    rms: float
-    relative_rms: float
-    psnr: float | None
-    peak: float
-    max_error: float
-    spread: float
-    roughness: float
-    dark_bias: float
-    truth_error: float
-    truth_level: float
-    seconds: float
-    runs: list[float]
-    calls: list[int]
-    cpu_seconds: float
-    cpu_ratio: float
-    ns_per_sample: float
-    search: list[list[float]]
-    session: int
-
-    @property
-    def key(self) -> str:
-        """Its file name in the store."""
-        return cell_key(self.case, self.method, self.budget, self.bias_kind)
-
-
-def cell_key(case: str, method: str, budget: int, bias_kind: str) -> str:
-    """File name of a measurement."""
-    slug = "".join(c if c.isalnum() or c == "." else "-" for c in f"{case}_{method}")
-    return f"{slug}_{budget}_{bias_kind}"
-
-
-@dataclasses.dataclass(frozen=True)
-class Truth:
-    """Ground truth (K, 3) of the covered pixels of one case, with its error."""
-
-    radiance: FloatArray
-    error: FloatArray
-    kind: str
-    seconds: float
-
-    @property
-    def rms_error(self) -> float:
-        """Root mean square of the error estimates."""
-        return float(np.sqrt(np.mean(np.square(self.error))))
+Step = Callable[[], None]
+Work = tuple[Case, MethodSpec, int, str]
+Progress = Callable[[Any], Iterator[Step]]
 
 
 class Study:
@@ -113,8 +43,7 @@ class Study:
     Raises
     ------
     ValueError
-        If the folder holds another study, or one that must not be overwritten; for an unknown
-        filter, a size that is not a power of two, or a picture of less than two pixels.
+        If the folder holds another study, or one that must not be overwritten; or as ``Bench``.
     """
 
     def __init__(
@@ -127,198 +56,98 @@ class Study:
         resume: bool = False,
         command: str = "",
     ) -> None:
-        self.plan, self.cube, self.command = plan, cube, command
-        self.seen = points.coverage
-        self.points = points[self.seen]
-        if self.seen.sum() < 2:
-            raise ValueError("study: the picture shows less than two pixels of the surface")
-        self._prepared: dict[tuple[str, str, str], Any] = {}
-        for case, method in itertools.product(plan.cases, plan.methods):
-            self.prepared(case, method)  # refuses before anything is kept
+        self.bench = Bench(plan, cube, points)
+        self.plan, self.command = plan, command
+        seen = self.bench.seen
         self.settings = {
             **plan.describe(),
             "environment": environment,
             "cube_size": cube.size,
             "cube_sha256": digest(cube.faces),
-            "width": self.seen.shape[1],
-            "height": self.seen.shape[0],
-            "pixels": int(self.seen.sum()),
-            "points_sha256": digest(points.normal, points.tangent, points.view, self.seen),
+            "width": seen.shape[1],
+            "height": seen.shape[0],
+            "pixels": int(seen.sum()),
+            "points_sha256": digest(points.normal, points.tangent, points.view, seen),
         }
         self.store = Store(folder, self.settings, self._session(), resume)
         self.truths: dict[str, Truth] = {}
-        self.cells: list[Cell] = []
-        stride = max(1, int(self.seen.sum()) // plan.subset)
-        self.subset = np.arange(stride // 2, int(self.seen.sum()), stride)
+        self._cells: dict[str, Cell] = {}
 
-    def prepared(self, case: Case, method: MethodSpec) -> Any:
-        """What a method looks up, made once; for every case if it depends on the material."""
-        from .. import methods
+    def _session(self, workers: str = "") -> dict[str, Any]:
+        return {**machine(), "command": self.command, "workers": workers}
 
-        make = methods.preparation(method.name)
-        own = {k: v for k, v in self.plan.preparation.items() if k in signature(make).parameters}
-        bound = "material" in signature(make).parameters
-        key = (make.__module__, make.__qualname__, case.name if bound else "")
-        if key not in self._prepared:
-            self._prepared[key] = methods.prepare(method.name, self.cube, case.material, **own)
-        return self._prepared[key]
+    @property
+    def cells(self) -> list[Cell]:
+        """The finished cells, in the order of the plan."""
+        keys = (cell_key(c.name, m.label, n, kind) for c, m, n, kind in self.wanted())
+        return [self._cells[key] for key in keys if key in self._cells]
 
-    def _session(self) -> dict[str, Any]:
-        return {**machine(), "command": self.command}
+    def wanted(self) -> list[Work]:
+        """Case, method, budget and kind of bias of every cell, in order."""
+        return [(case, *rest) for case in self.plan.cases for rest in self.bench.wanted[case.name]]
 
-    def steps(self) -> list[Callable[[], None]]:
-        """The work in order: each call finishes one truth or one measurement."""
-        work: list[Callable[[], None]] = []
+    def steps(self) -> list[Step]:
+        """The work in order: each call finishes one truth or one cell."""
+        steps: list[Step] = []
         for case in self.plan.cases:
-            work.append(lambda case=case: self._truth(case))  # type: ignore[misc]
-            for method in self.plan.methods:
-                for budget in self.plan.budgets:
-                    for kind in BIAS_KINDS:
-                        args = (case, method, budget, kind)
-                        work.append(lambda args=args: self._cell(*args))  # type: ignore[misc]
-        return work
+            steps.append(functools.partial(self._truth, case))
+            for rest in self.bench.wanted[case.name]:
+                steps.append(functools.partial(self._cell, case, *rest))
+        return steps
 
-    def run(self, progress: Callable[[list[Any]], Iterator[Any]] = iter) -> list[Cell]:
-        """Do what is not done; ``progress`` may wrap the list of steps."""
-        for step in progress(self.steps()):
+    def run(self, progress: Progress = iter, client: "Client | None" = None) -> list[Cell]:
+        """Do what is not done, in this process or on the workers of a Dask client.
+
+        ``progress`` may wrap the steps; each is a call that keeps one truth or one cell.
+        """
+        work: Iterable[Step] = self.steps()
+        workers = ""
+        if client is not None:
+            from .spread import Arrivals, describe
+
+            work, workers = Arrivals(self, client), describe(client)
+        for step in progress(work):
             step()
-        self.store.sessions[-1] = self._session()  # the threading layer is known now
+        self.store.sessions[-1] = self._session(workers)  # the threading layer is known now
         self.store.save_manifest()
         return self.cells
 
-    def _truth(self, case: Case) -> None:
+    def find_truth(self, case: Case) -> bool:
+        """Whether the truth of a case is in the store; it is loaded then."""
         arrays = self.store.get_truth(case.slug)
-        if arrays is None:
-            from ..reference import reference
+        if arrays is not None:
+            self.truths[case.name] = Truth.of(arrays)
+        return arrays is not None
 
-            start = time.perf_counter()
-            truth = reference(
-                self.points, case.material, self.cube, tolerance=self.plan.tolerance, diffuse=False
-            )
-            if not np.any(truth.radiance):
-                raise ValueError(f"environment: must light the surface, {case.name} is black")
-            arrays = {
-                "radiance": truth.radiance,
-                "error": truth.error,
-                "kind": np.array(truth.error_kind),
-                "seconds": np.array(time.perf_counter() - start),
-            }
-            self.store.put_truth(case.slug, arrays)
-        self.truths[case.name] = Truth(
-            arrays["radiance"], arrays["error"], str(arrays["kind"]), float(arrays["seconds"])
-        )
+    def keep_truth(self, case: Case, arrays: dict[str, Any]) -> None:
+        """Put a finished truth into the store."""
+        self.store.put_truth(case.slug, arrays)
+        self.truths[case.name] = Truth.of(arrays)
 
-    def options(self, case: Case, method: MethodSpec, budget: int) -> dict[str, Any]:
-        """Options of ``shade`` but for the bias."""
-        from .. import methods
-        from ..render import actual_samples
-
-        threshold = threshold_for(budget)
-        own = dict(method.options)
-        known = methods.options(method.name)
-        if "threshold" in known:  # the schedule is the paper's; the thesis's ring goes with its own
-            own["threshold"] = known["threshold"] if method.name == "thesis" else threshold
-        reached = actual_samples(case.material, "regular", budget, threshold)
-        same = method.name == "regular"
-        own["samples"] = budget if same else round(float(np.mean(reached)))
-        return own
-
-    def image(
-        self,
-        case: Case,
-        method: MethodSpec,
-        budget: int,
-        bias: float,
-        points: SurfacePoints | None = None,
-    ) -> FloatArray:
-        """The method's radiance (K, 3) at the covered pixels, or at ``points``."""
-        from ..shading import shade
-
-        own = self.options(case, method, budget)
-        where = self.points if points is None else points
-        prepared = self.prepared(case, method)
-        result: FloatArray = shade(
-            where, case.material, prepared, method=method.name, bias=bias, **own
-        )
-        return result
-
-    def _baseline(self) -> FloatArray:
-        first = self.plan.cases[0], self.plan.methods[0], min(self.plan.budgets)
-        return self.image(*first, bias=0.0)
-
-    def _cell(self, case: Case, method: MethodSpec, budget: int, bias_kind: str) -> None:
-        key = cell_key(case.name, method.label, budget, bias_kind)
+    def find_cell(self, work: Work) -> bool:
+        """Whether a cell is in the store; it is loaded then."""
+        case, method, budget, kind = work
+        key = cell_key(case.name, method.label, budget, kind)
         stored = self.store.get(key)
-        if stored is None:
-            cell = self._measure(case, method, budget, bias_kind)
-            self.store.put(key, dataclasses.asdict(cell))
-        else:
+        if stored is not None:
             try:
-                cell = Cell(**stored)
+                self._cells[key] = Cell(**stored)
             except TypeError:
                 path = self.store.cell_path(key)
                 raise ValueError(f"{path}: of another version; delete it to redo it") from None
-        self.cells.append(cell)
+        return stored is not None
 
-    def _measure(self, case: Case, method: MethodSpec, budget: int, bias_kind: str) -> Cell:
-        from ..render import actual_samples
+    def keep_cell(self, cell: Cell) -> None:
+        """Put a finished cell into the store."""
+        cell = dataclasses.replace(cell, session=self.store.session)
+        self.store.put(cell.key, dataclasses.asdict(cell))
+        self._cells[cell.key] = cell
 
-        truth = self.truths[case.name]
-        judge = Judge(truth.radiance, self.seen)
-        bias: float = 0.0
-        search: list[tuple[float, float]] = []
-        if bias_kind == "best":
-            few = self.points[self.subset]
-            with one_thread():  # too few pixels to share
-                bias, search = best_bias(
-                    lambda b: judge.rms(self.image(case, method, budget, b, few), self.subset)
-                )
-            if judge.rms(self.image(case, method, budget, bias)) > self.cells[-1].rms:
-                bias = 0.0  # the cell before is the same without bias; the subset misled
-        self.image(case, method, budget, bias, self.points[:1])  # compile outside the clock
-        self._baseline()
-        image, timing = timed(
-            lambda: self.image(case, method, budget, bias), self._baseline, self.plan.repeats
-        )
-        figures = judge.figures(image)
-        options = self.options(case, method, budget)
-        taps = actual_samples(case.material, method.name, options["samples"], threshold_for(budget))
-        return self._cell_of(
-            case, method, budget, bias_kind, bias, search, figures, timing, truth, judge.level, taps
-        )
+    def _truth(self, case: Case) -> None:
+        if not self.find_truth(case):
+            self.keep_truth(case, self.bench.truth(case))
 
-    def _cell_of(
-        self,
-        case: Case,
-        method: MethodSpec,
-        budget: int,
-        bias_kind: str,
-        bias: float,
-        search: list[tuple[float, float]],
-        figures: Figures,
-        timing: Timing,
-        truth: Truth,
-        level: float,
-        taps: list[int],
-    ) -> Cell:
-        pixels = len(self.points.normal)
-        return Cell(
-            case=case.name,
-            kind=case.kind,
-            widths=case.widths,
-            method=method.label,
-            budget=budget,
-            samples=sum(taps),
-            taps=taps,
-            threshold=self.options(case, method, budget).get("threshold"),
-            bias_kind=bias_kind,
-            bias=bias,
-            pixels=pixels,
-            truth_error=truth.rms_error,
-            truth_level=level,
-            ns_per_sample=timing.cpu_seconds * 1e9 / (pixels * sum(taps)),
-            search=[list(pair) for pair in search],
-            session=self.store.session,
-            **dataclasses.asdict(figures),
-            **dataclasses.asdict(timing),
-        )
+    def _cell(self, case: Case, method: MethodSpec, budget: int, kind: str) -> None:
+        if not self.find_cell((case, method, budget, kind)):
+            truth = self.truths[case.name]
+            self.keep_cell(self.bench.measure(case, method, budget, kind, truth))

@@ -1,6 +1,7 @@
 """What a study measures: cases, methods, budgets, thresholds; and on what machine."""
 
 import dataclasses
+import functools
 import hashlib
 import json
 import os
@@ -17,6 +18,13 @@ if TYPE_CHECKING:
 
 METHODS = ("regular/paper", "regular/thesis", "regular/jacobian", "importance")
 BUDGETS = (7, 14, 20, 30, 50, 100, 270)
+VARIANTS = {
+    "regular": "normalisation",
+    "thesis": "estimator",
+    "split-sum": "equivalent",
+    "bent": "bend",
+}
+"""Which option of a method its variant is."""
 LOBES = ("mx=.1", "mx=.15", "mx=.2,my=.075")
 SCHEDULE = ((20, 0.2), (50, 0.1))  # largest budget of each threshold; above: FINE_THRESHOLD
 FINE_THRESHOLD = 0.01
@@ -34,7 +42,7 @@ def threshold_for(budget: int) -> float:
 class MethodSpec:
     """A method with its footprint and variant, written ``name/footprint/variant``.
 
-    The variant is the normalisation of ``regular`` or the estimator of ``thesis``.
+    What the variant is: ``VARIANTS``. Methods without a footprint are ``name/variant``.
     """
 
     name: str
@@ -49,13 +57,12 @@ class MethodSpec:
     @property
     def options(self) -> dict[str, Any]:
         """Options of ``shade`` that the spec fixes."""
-        variant = "estimator" if self.name == "thesis" else "normalisation"
-        named = {"footprint": self.footprint, variant: self.variant}
+        named = {"footprint": self.footprint, VARIANTS.get(self.name, "variant"): self.variant}
         return {k: v for k, v in named.items() if v is not None}
 
 
 def parse_method(text: str) -> MethodSpec:
-    """A method from ``name``, ``name/footprint`` or ``name/footprint/variant``.
+    """A method from ``name``, ``name/footprint``, ``name/footprint/variant`` or ``name/variant``.
 
     Raises
     ------
@@ -65,18 +72,26 @@ def parse_method(text: str) -> MethodSpec:
     from .. import methods
     from ..footprint import FOOTPRINTS
     from ..shading import NORMALISATIONS
+    from ..splitsum.shade import BENDS, EQUIVALENTS
     from ..thesis import ESTIMATORS
 
     parts = text.strip().split("/")
     if len(parts) > 3:
         raise _check.fail("methods", "must be name[/footprint[/variant]]", text)
     spec = MethodSpec(*parts)
+    if len(parts) == 2 and "footprint" not in methods.options(spec.name):
+        spec = MethodSpec(spec.name, None, parts[1])
     methods.check_options(spec.name, spec.options)
     if spec.footprint is not None:
         _check.choice(f"methods: {text}", spec.footprint, FOOTPRINTS)
     if spec.variant is not None:
-        variants = ESTIMATORS if spec.name == "thesis" else NORMALISATIONS
-        _check.choice(f"methods: {text}", spec.variant, variants)
+        variants = {
+            "normalisation": NORMALISATIONS,
+            "estimator": ESTIMATORS,
+            "equivalent": EQUIVALENTS,
+            "bend": BENDS,
+        }
+        _check.choice(f"methods: {text}", spec.variant, variants[VARIANTS[spec.name]])
     return spec
 
 
@@ -185,7 +200,9 @@ def digest(*parts: Any) -> str:
     return total.hexdigest()[:16]
 
 
-def _cpu_model() -> str:
+@functools.cache
+def cpu_model() -> str:
+    """Name of this machine's processor."""
     try:
         for line in pathlib.Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith("model name"):
@@ -208,7 +225,7 @@ def machine() -> dict[str, Any]:
         "numpy": np.__version__,
         "numba": numba.__version__,
         "system": platform.platform(),
-        "cpu": _cpu_model(),
+        "cpu": cpu_model(),
         "cores": os.cpu_count(),
         "threads": numba.get_num_threads(),
         "threading_layer": _threading_layer(),
