@@ -47,6 +47,8 @@ Int64Array = npt.NDArray[np.int64]
 TEXEL = 4  # floats: RGB and a fourth
 SERIAL = 64  # levels up to this size are not worth waking other threads for
 ZERO = np.float32(0.0)
+FLOAT_MAX = np.finfo(np.float32).max
+HEADROOM = np.float32(2.0**-16)  # more than the sum of any filter's weights before they are scaled
 THREE, FIVE, TEN = np.float32(3.0), np.float32(5.0), np.float32(10.0)
 HALF, QUARTER = np.float32(0.5), np.float32(0.25)
 EIGHTH, INV32 = np.float32(0.125), np.float32(1.0 / 32.0)
@@ -255,6 +257,8 @@ class Pyramid:
         over = self._store_base(faces)
         if self.storage == "rgba32f":
             self._reduce(faces)
+            if not self._is_finite():
+                self._reduce_scaled(faces)
         else:
             for i in range(1, len(self._padded)):
                 self._make_levels(i, i)
@@ -281,6 +285,26 @@ class Pyramid:
             _quarter(faces, buffer, self._chain, fold_table())
             first = 3
         self._make_levels(first, len(self._padded) - 1)
+
+    def _is_finite(self) -> bool:
+        """Whether no sum of texels passed the end of float32: infinity reaches the last level.
+
+        The mean of three texels beyond a cube corner may stay in its level.
+        """
+        rings = [*range(PAD), *range(-PAD, 0)]
+        beyond = [level[:, rings][:, :, rings] for level in self._padded]
+        return all(bool(np.isfinite(part).all()) for part in (self.levels[-1], *beyond))
+
+    def _reduce_scaled(self, faces: Float32Array) -> None:
+        """As ``_reduce`` for texels near the end of float32, scaled down and up again."""
+        small = _check.frozen(faces * HEADROOM)
+        self._store_base(small)
+        self._reduce(small)
+        most = FLOAT_MAX * HEADROOM
+        for level in self._padded:
+            np.clip(level, -most, most, out=level)  # a mean may round up
+            level /= HEADROOM
+        _store_rgb(faces, self._padded[0])
 
     def _make_levels(self, first: int, last: int) -> None:
         """Levels ``first`` to ``last``, each from the one before."""

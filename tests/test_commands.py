@@ -230,8 +230,9 @@ def test_an_output_in_the_way_of_a_file_is_refused(
     assert (tmp_path / "file").read_text() == "mine"
 
 
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL])
 def test_an_interrupted_study_is_one_line_and_keeps_its_cells(
-    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+    sent: signal.Signals, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A real signal to a real process, once two cells are there; --resume then finishes."""
     folder = tmp_path / "out"
@@ -244,9 +245,11 @@ def test_an_interrupted_study_is_one_line_and_keeps_its_cells(
     with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         while process.poll() is None and len(list(folder.glob("cells/*.json"))) < 2:
             time.sleep(0.02)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(sent)
         out, err = process.communicate(timeout=120)
-    assert (process.returncode, out, err) == (130, b"", b"glossy study: interrupted\n")
+    polite = sent == signal.SIGINT
+    said = b"glossy study: interrupted\n" if polite else b""
+    assert (process.returncode, out, err) == (130 if polite else -sent, b"", said)
     kept = {path: path.read_bytes() for path in folder.glob("cells/*")}
     assert 2 <= len(kept) < 8
     value = report(capsys, *args, "--resume")

@@ -20,7 +20,7 @@ SIGMAS = 6.0
 """A few hundred correlated standard errors from 16 replicates, whose tails are heavy."""
 
 WIDTHS = st.floats(0.02, 1.0)
-METHODS = st.sampled_from(["regular", "importance"])
+METHODS = st.sampled_from(["regular", "importance", "thesis"])
 
 
 def smooth(size: int) -> glossy.CubeMap:

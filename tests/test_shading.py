@@ -261,7 +261,7 @@ def test_unfiltered_samples_converge_to_the_truth(method: str) -> None:
 
 
 @settings(max_examples=10)
-@given(st.floats(0.01, 100.0), st.sampled_from(["regular", "importance"]))
+@given(st.floats(0.01, 100.0), st.sampled_from(["regular", "importance", "thesis"]))
 def test_linear_in_radiance(scale: float, method: str) -> None:
     points, cube = random_points(8), bright_cube(16)
     scaled = glossy.CubeMap(cube.faces * np.float32(scale))
@@ -272,7 +272,7 @@ def test_linear_in_radiance(scale: float, method: str) -> None:
     assert np.allclose(b, a * float(np.float32(scale)), rtol=3e-6)
 
 
-@pytest.mark.parametrize("method", ["regular", "importance"])
+@pytest.mark.parametrize("method", ["regular", "importance", "thesis"])
 def test_turning_scene_and_map_together_changes_nothing(method: str) -> None:
     from symmetry import rotations, turn_faces
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+import itertools
 import json
 import math
 import pathlib
@@ -13,9 +14,14 @@ import pytest
 
 import glossy
 from glossy import cli
-from glossy.gbuffer import read_gbuffer
+from glossy.camera import Sphere, default_camera
+from glossy.commands.pattern import plot as plot_pattern
+from glossy.frames import normalise
+from glossy.gbuffer import read_gbuffer, write_gbuffer
+from glossy.pyramid import FILTERS
 from glossy.scene import load_scene
 from glossy.stability import cases, checks, report, twin
+from glossy.study import store
 
 GROUPS = sorted({case.group for case in cases.SHADE})
 
@@ -63,6 +69,7 @@ def test_the_truths_give_the_albedo_in_a_white_map(monkeypatch: pytest.MonkeyPat
     }
     wide = next(row for row in rows if row["m"] == 0.5 and row["angle"] == 80.0)
     assert wide["regular/paper"] == pytest.approx(0.880, abs=3e-3)  # over azimuths
+    assert {f"thesis/{e}" for e in ("4.23", "4.24", "4.25")} <= set(wide)
 
 
 @pytest.mark.parametrize("figure", ["plain", "auto", "double"])
@@ -78,6 +85,27 @@ def test_a_twin_that_disagrees_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     right = twin.shade
     monkeypatch.setattr(twin, "shade", lambda *a, **k: right(*a, **k) * (1.0 + 1e-9))
     assert not checks.check_shade(cases.SHADE[0]).holds
+
+
+@pytest.mark.parametrize("filter", FILTERS)
+@pytest.mark.parametrize("size", [1, 2, 8, 32])
+def test_the_end_of_float32_is_not_passed_while_filtering(filter: str, size: int) -> None:
+    """Texels are added before they are scaled: up to 1024 of them, and three beyond a corner."""
+    huge = float(np.finfo(np.float32).max)
+    constant = glossy.build_pyramid(glossy.CubeMap(np.full((6, size, size, 3), huge)), filter)
+    for level in constant.levels:
+        assert np.allclose(level / np.float32(huge), 1.0, atol=1e-6)
+    corners = normalise(np.array(list(itertools.product((-1.0, 1.0), repeat=3))))
+    seen = constant.sample(corners, np.arange(8) * 0.5)
+    assert np.all(np.isfinite(seen))
+    faces = np.random.default_rng(1).random((6, size, size, 3)) * huge
+    faces[0, 0, 0] = 1e-30
+    mixed, small = (glossy.build_pyramid(glossy.CubeMap(f), filter) for f in (faces, faces / 1e30))
+    assert np.array_equal(mixed.levels[0], faces.astype(np.float32))
+    for a, b in zip(mixed.levels[1:], small.levels[1:], strict=True):
+        assert np.allclose(a / np.float32(1e30), b, rtol=2e-6)
+    mixed.update(glossy.CubeMap(faces / 1e30))
+    assert all(np.array_equal(a, b) for a, b in zip(mixed.levels, small.levels, strict=True))
 
 
 def test_nan_passes_no_limit() -> None:
@@ -169,3 +197,38 @@ def test_a_library_that_complains_at_length_is_cut_short(tmp_path: pathlib.Path)
     with pytest.raises(ValueError, match=r"image\.tiff: cannot be read") as error:
         glossy.read_image(path)
     assert one_line(error, path)
+
+
+def writers(folder: pathlib.Path) -> dict[str, Any]:
+    """Everything that writes a file but for pictures, which ``test_image`` has."""
+    points = glossy.surface_points(default_camera(Sphere(), 12, 10), Sphere())
+    pattern = glossy.regular_pattern(glossy.Lobe(0.1), 4)
+    results = [checks.judge("a, frame axes", "wo.n = 1, x", {"auto": 1.0}, {"auto": 1.0})]
+    rows: list[dict[str, float]] = []
+    return {
+        "p.npz": lambda path: write_gbuffer(path, points),
+        "p.exr": lambda path: write_gbuffer(path, points),
+        "p.json": lambda path: pattern.export("json", path),
+        "p.png": lambda path: plot_pattern(pattern, path),
+        "report.png": lambda path: report.plot(results, rows, path),
+        "cell.json": lambda path: store.write_text(path, "x" * 5000),
+    }
+
+
+@pytest.mark.parametrize("name", ["p.npz", "p.exr", "p.json", "p.png", "report.png", "cell.json"])
+def test_a_full_disk_leaves_the_old_file_and_names_it(tmp_path: pathlib.Path, name: str) -> None:
+    resource = pytest.importorskip("resource", reason="file sizes cannot be limited here")
+    write, path = writers(tmp_path)[name], tmp_path / name
+    write(path)  # so that nothing else needs a file
+    path.write_bytes(b"old")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (512, hard))
+    try:
+        with pytest.raises(OSError, match=r"(?i)too large") as error:
+            write(path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+    assert path.read_bytes() == b"old"
+    assert [p.name for p in tmp_path.iterdir()] == [name]

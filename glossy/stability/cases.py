@@ -26,6 +26,7 @@ Float64Array = npt.NDArray[np.float64]
 AZIMUTHS = 12
 COSINES = (1.0, 0.1, 1e-2, 1e-4, 1e-6)
 WIDTHS = ((1e-4, 1e-4), (1e-2, 1e-2), (0.15, 0.15), (2.0, 2.0), (1.0, 1e-3), (1e-4, 0.1))
+METHODS = ("regular", "importance", "thesis")
 
 SINGLE = 3e-6
 """Relative error of float32 where its input is exact: some fifty operations at 6e-8."""
@@ -106,7 +107,9 @@ def _views() -> list[ShadeCase]:
 def _lobes() -> list[ShadeCase]:
     found = []
     for method, r0, m in itertools.product(
-        ("regular", "importance"), (0.0, 1.0), ((1.0, 1e-3), (2e-3, 2.0), (1e-4, 1e-4), (2.0, 2.0))
+        ("regular", "importance", "thesis"),
+        (0.0, 1.0),
+        ((1.0, 1e-3), (2e-3, 2.0), (1e-4, 1e-4), (2.0, 2.0)),
     ):
         for transmission in (False, True):
             side = "transmission" if transmission else "reflection"
@@ -143,15 +146,44 @@ def _counts() -> list[ShadeCase]:
             Lobe(0.3),
             method=method,
             options={"samples": count},
-            single=SINGLE * max(1.0, count / 500.0),
+            single=SINGLE * max(1.0, count / (250.0 if method == "thesis" else 500.0)),  # two sums
         )
-        for method, count in itertools.product(("regular", "importance"), (1, 7, 100, 1000, 10_000))
+        for method, count in itertools.product(METHODS, (1, 7, 100, 1000, 10_000))
     ]
+
+
+def _estimators() -> list[ShadeCase]:
+    """Other normalisations and estimators at grazing views, with and without F and alpha."""
+    found = []
+    for cosine, m, (r0, alpha), transmission in itertools.product(
+        (1.0, 0.1, 1e-4, 1e-6),
+        ((1e-4, 1e-4), (0.15, 0.15), (2.0, 2.0), (1.0, 1e-3)),
+        ((1.0, 0.0), (0.2, 1.0)),
+        (False, True),
+    ):
+        kinds: dict[str, tuple[str, dict[str, Any]]] = {
+            "projected": ("regular", {"normalisation": "projected"})
+        }
+        kinds |= {e: ("thesis", {"estimator": e}) for e in ("4.23", "4.24", "4.25")}
+        for kind, (method, options) in kinds.items():
+            found.append(
+                ShadeCase(
+                    f"{method}, {kind}",
+                    f"wo.n = {cosine:g}, m = {m[0]:g} {m[1]:g}, r0 = {r0:g}, alpha = {alpha:g}"
+                    + (", transmission" if transmission else ""),
+                    Lobe(*m, r0=r0, alpha=alpha),
+                    (cosine,),
+                    transmission=transmission,
+                    method=method,
+                    options=options,
+                )
+            )
+    return found
 
 
 def _maps() -> list[ShadeCase]:
     found = []
-    for name in ("wide", "hot", "black", "1", "1e-30", "1e30", "1e37", "noise"):
+    for name in ("wide", "hot", "black", "1", "1e-30", "1e30", "3e38", "noise"):
         for m in (1e-3, 0.05, 0.5):
             by = "peak" if name in ("wide", "hot", "noise") else "value"
             lobe = Lobe(m)
@@ -166,6 +198,8 @@ def _maps() -> list[ShadeCase]:
                     single=SINGLE + INPUT / 0.1,
                 )
             )
+            mean = dataclasses.replace(found[-1], name=f"thesis, {found[-1].name}", method="thesis")
+            found.append(mean)
     for size, level in itertools.product((1, 2, 64), (-1e30, -50.0, 0.0, 50.0, 1e30)):
         name = f"N = {size}, level bias {level:g}"
         options = {"bias": level}
@@ -185,7 +219,9 @@ def _maps() -> list[ShadeCase]:
     return found
 
 
-SHADE = tuple(case for part in (_views, _lobes, _cut, _counts, _maps) for case in part())
+SHADE = tuple(
+    case for part in (_views, _lobes, _cut, _counts, _estimators, _maps) for case in part()
+)
 
 EVAL_WIDTHS = ((1e-4, 1e-4), (1e-2, 1e-2), (0.15, 0.15), (2.0, 2.0), (1.0, 1e-3))
 ALPHAS = (0.0, 0.3, 0.5, 1.0)
@@ -234,4 +270,7 @@ FURNACE_METHODS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "regular/paper": ("regular", {"samples": 30}),
     "regular/projected": ("regular", {"samples": 30, "normalisation": "projected"}),
     "importance": ("importance", {"samples": 30}),
+    "thesis/4.23": ("thesis", {"samples": 7, "estimator": "4.23"}),
+    "thesis/4.24": ("thesis", {"samples": 7, "estimator": "4.24"}),
+    "thesis/4.25": ("thesis", {"samples": 7, "estimator": "4.25"}),
 }

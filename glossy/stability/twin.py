@@ -17,6 +17,7 @@ from ..cubemap import CubeMap
 from ..frames import SurfacePoints
 from ..pattern import importance_pattern, pattern_for_budget
 from ..pyramid import Pyramid
+from ..thesis_pattern import thesis_pattern
 
 Extended = npt.NDArray[np.longdouble]
 Float64Array = npt.NDArray[np.float64]
@@ -105,41 +106,44 @@ def shade(
     pyramid: Pyramid,
     method: str = "regular",
     samples: int = 20,
-    threshold: float = 0.1,
-    footprint: str = "paper",
+    threshold: float | None = None,
+    footprint: str | None = None,
     bias: float = 0.0,
+    normalisation: str = "paper",
+    estimator: str = "4.25",
 ) -> Float64Array:
-    """``glossy.shade`` for points (P,) and lobes of scalar ks and r0, (P, 3) float64."""
+    """``glossy.shade`` for points (P,) and lobes of scalar ks and r0, (P, 3) float64.
+
+    A threshold or footprint of None is the method's own.
+    """
+    variant = estimator if method == "thesis" else normalisation
+    xi = threshold or (0.01 if method == "thesis" else 0.1)
+    model = footprint or {"regular": "paper", "thesis": "thesis"}.get(method, "jacobian")
     normal, tangent, view = (extended(a) for a in (points.normal, points.tangent, points.view))
     bitangent = np.cross(normal, tangent)
     wo = np.stack([(view * a).sum(axis=-1) for a in (tangent, bitangent, normal)], axis=-1)
     total = np.zeros((*points.shape, 3), dtype=np.longdouble)
     for lobe, side in material.sided_lobes():
-        total += _lobe(wo, (tangent, bitangent, normal), lobe, side, pyramid, method, samples,
-                       threshold, footprint, bias)  # fmt: skip
+        total += _lobe(wo, (tangent, bitangent, normal), lobe, side, pyramid, method, variant,
+                       samples, xi, model, bias)  # fmt: skip
     return np.asarray(total, dtype=np.float64)
 
 
 def _lobe(
     wo: Extended, frame: tuple[Extended, Extended, Extended], lobe: Lobe, side: float,
-    pyramid: Pyramid, method: str, samples: int, xi: float, footprint: str, bias: float,
+    pyramid: Pyramid, method: str, variant: str, samples: int, xi: float, footprint: str,
+    bias: float,
 ) -> Extended:  # fmt: skip
-    regular = method == "regular"
-    own = (
-        pattern_for_budget(lobe, samples=samples, threshold=xi)
-        if regular
-        else importance_pattern(lobe, samples=samples)
-    )
+    if method == "regular":
+        own = pattern_for_budget(lobe, samples=samples, threshold=xi)
+    elif method == "thesis":
+        own = thesis_pattern(lobe, samples, threshold=xi)
+    else:
+        own = importance_pattern(lobe, samples=samples)
     h, n = extended(own.half_vectors), len(own)
     mx, my = (extended(m) for m in lobe.widths)
     q = (h[:, 0] / h[:, 2] / mx) ** 2 + (h[:, 1] / h[:, 2] / my) ** 2
     density = np.exp(-q) / (extended(np.pi) * mx * my * h[:, 2] ** 4)
-    if regular:
-        gain = density / density.sum()
-        cell = extended(own.cell if own.cell is not None else 0.0) * np.ones(n)
-    else:
-        gain, cell = 1 / (n * h[:, 2]), 1 / (n * density * h[:, 2])
-        footprint = "jacobian"
     cos_h = wo @ h.T
     wi = 2 * cos_h[..., None] * h - wo[:, None, :]
     kept = (cos_h > 0) & (wi[..., 2] > 0) & (wo[:, None, 2] > 0)
@@ -147,14 +151,23 @@ def _lobe(
         wi[..., k, None] * (side if k == 2 else 1.0) * frame[k][:, None] for k in range(3)
     )
     d = np.sqrt((world * world).sum(axis=-1)) / np.abs(world).max(axis=-1)
-    cos = np.where(kept, cos_h, 1)
+    cos, z = np.where(kept, cos_h, 1), np.where(kept, wi[..., 2], 1)
+    p_h = density * h[:, 2]
+    if method == "regular":
+        p_h = np.mean(density if variant == "paper" else p_h) * np.ones(n)
+    cell = 1 / (n * p_h)
+    if method == "regular" and own.cell is not None:
+        cell = extended(own.cell) * np.ones(n)
     texels = _texels(wo, wi, cos, d, lobe, n, xi, footprint, cell, pyramid.size)
     radiance: Any = lookup(pyramid, world, extended(np.log2(texels) / 2 + bias))
     fresnel = extended(lobe.r0) + (1 - extended(lobe.r0)) * (1 - cos) ** 5
     fresnel = fresnel if side > 0 else 1 - fresnel
-    z = np.where(kept, wi[..., 2], 1)
-    weight = (
-        gain * fresnel * z / (z * np.where(wo[:, 2:] > 0, wo[:, 2:], 1)) ** extended(lobe.alpha)
-    )
-    weight = np.where(kept, weight, 0)
+    oz = np.where(wo[:, 2:] > 0, wo[:, 2:], 1)
+    f = fresnel * density / (4 * cos * (z * oz) ** extended(lobe.alpha))
+    p = p_h / (4 * cos)
+    share: Any = {"4.23": p, "4.24": p * z, "4.25": f * z}.get(variant, np.ones_like(z))
+    share = np.where(kept, share, 0)
+    total = share.sum(axis=-1, keepdims=True) if method == "thesis" else extended(n)
+    share = share / np.where(total > 0, total, 1)
+    weight = np.where(kept, share * f * z / p, 0)
     return np.asarray(extended(lobe.ks) * (weight[..., None] * radiance).sum(axis=1))
