@@ -73,7 +73,8 @@ class Pass:
     """One full-screen pass over a G-buffer: ``run`` draws and waits, ``read`` returns the frame.
 
     ``levels``: faces of every level; ``gbuffer``: normals, tangents and views (H, W, 3), the
-    samplers ``normals``, ``tangents``, ``views`` of ``fragment`` beside the cube map ``env``.
+    samplers ``normals``, ``tangents``, ``views`` that ``fragment`` may use beside the cube map
+    ``env``.
     """
 
     def __init__(
@@ -94,6 +95,8 @@ class Pass:
         for unit, (name, data) in enumerate(
             zip(("normals", "tangents", "views"), gbuffer, strict=True), start=1
         ):
+            if name not in program:
+                continue
             rgba = np.zeros((height, width, 4), dtype=np.float32)
             rgba[..., :3] = data
             texture = self.context.texture((width, height), 4, rgba.tobytes(), dtype="f4")

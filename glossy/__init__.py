@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .image import Image, read_image, write_exr, write_image
     from .irradiance import irradiance, irradiance_map
     from .materials import material, material_names
+    from .measured.fit import fit_table
     from .measured.material import MeasuredMaterial, measured_material
     from .measured.read import read_measured
     from .measured.table import MeasuredTable
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
         rms,
     )
     from .pattern import Pattern, importance_pattern, pattern_for_budget, regular_pattern
+    from .planes import BoundingPlanes
     from .pyramid import Pyramid, build_pyramid
     from .reference import Truth, reference, reference_passes
     from .scene import load_scene
@@ -48,6 +50,7 @@ if TYPE_CHECKING:
     from .trace import trace
 
 _WHERE = {
+    "BoundingPlanes": "planes",
     "Camera": "camera",
     "Comparison": "metrics",
     "CubeMap": "cubemap",
@@ -69,6 +72,7 @@ _WHERE = {
     "difference_picture": "difference",
     "energy": "energy",
     "environment": "environment",
+    "fit_table": "measured.fit",
     "export_shader": "export.shader",
     "importance_pattern": "pattern",
     "irradiance": "irradiance",
@@ -101,6 +105,7 @@ _WHERE = {
 }
 
 __all__ = [
+    "BoundingPlanes",
     "Camera",
     "Comparison",
     "CubeMap",
@@ -124,6 +129,7 @@ __all__ = [
     "energy",
     "environment",
     "export_shader",
+    "fit_table",
     "importance_pattern",
     "irradiance",
     "irradiance_map",

@@ -21,6 +21,7 @@ COMMANDS = (
     "trace",
     "pattern",
     "environment",
+    "fit",
     "stability",
 )
 BAD_INPUT = 2

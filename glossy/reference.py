@@ -13,7 +13,8 @@ many unfiltered samples see. Three estimators share nothing but that lookup and 
     (``truth.texels``).
 ``mc``, ``qmc``
     Multiple importance sampling of material and environment with independent or low-discrepancy
-    draws, and its standard error (``truth.montecarlo``).
+    draws, and its standard error (``truth.montecarlo``). With ``parallax``, L depends on the place
+    too (``truth.planes``).
 
 Nothing here knows of pyramids, footprints or patterns.
 """
@@ -29,9 +30,11 @@ from . import _check
 from .brdf import Lobe, Material
 from .cubemap import CubeMap
 from .frames import SurfacePoints
+from .planes import BoundingPlanes
 from .truth.cells import check_finite, radiance_tree
 from .truth.montecarlo import monte_carlo, quasi_monte_carlo
 from .truth.plain import PROBES, PlainQuadrature
+from .truth.planes import PlaneLight
 from .truth.random import uniform
 from .truth.texels import integrate
 
@@ -78,6 +81,7 @@ def reference(
     tolerance: float | None = None,
     seed: int = 0,
     diffuse: bool = True,
+    parallax: BoundingPlanes | None = None,
 ) -> Truth:
     """Ground truth of eq. (1) at surface points.
 
@@ -107,6 +111,9 @@ def reference(
         Of ``mc`` and ``qmc``. A point's draws depend on it and on the point's flat index.
     diffuse : bool
         False leaves the diffuse terms out.
+    parallax : BoundingPlanes, optional
+        Look the map up where each direction meets these planes, ``planes`` eqs. (1)-(3); needs
+        points with positions and ``mc`` or ``qmc``.
 
     Returns
     -------
@@ -123,7 +130,7 @@ def reference(
     Same arguments, same bits, for any number of threads and whether or not other points are there.
     """
     *_, last = reference_passes(
-        points, material, cube, estimator, samples, tolerance, seed, diffuse
+        points, material, cube, estimator, samples, tolerance, seed, diffuse, parallax
     )
     return last
 
@@ -137,6 +144,7 @@ def reference_passes(
     tolerance: float | None = None,
     seed: int = 0,
     diffuse: bool = True,
+    parallax: BoundingPlanes | None = None,
 ) -> Iterator[Truth]:
     """Yield the truth again and again, each time better; the last is what ``reference`` returns.
 
@@ -158,7 +166,20 @@ def reference_passes(
     axes = (points.tangent, points.bitangent, points.normal)
     frames = np.stack([a.reshape(-1, 3)[seen] for a in axes], axis=1)
     views = points.local_view.reshape(-1, 3)[seen]
-    return _run(points.shape, shown, cube, estimator, most, goal, seed, seen, frames, views)
+    light = None if parallax is None else _plane_light(points, cube, parallax, estimator, seen)
+    return _run(points.shape, shown, cube, estimator, most, goal, seed, seen, frames, views, light)
+
+
+def _plane_light(
+    points: SurfacePoints, cube: CubeMap, planes: BoundingPlanes, estimator: str, seen: IntArray
+) -> PlaneLight:
+    if not isinstance(planes, BoundingPlanes):
+        raise _check.fail("parallax", "must be BoundingPlanes", type(planes).__name__)
+    if estimator == "texels":
+        raise _check.fail("estimator", "must be mc or qmc with parallax", estimator)
+    if points.position is None:
+        raise _check.fail("points", "must have positions for parallax", None)
+    return PlaneLight(cube, planes, points.position.reshape(-1, 3)[seen])
 
 
 def _run(
@@ -172,6 +193,7 @@ def _run(
     seen: IntArray,
     frames: Float64Array,
     views: Float64Array,
+    planes: PlaneLight | None,
 ) -> Iterator[Truth]:
     def spread(value: Float64Array, error: Float64Array, used: IntArray, kind: str) -> Truth:
         size = int(np.prod(shape))
@@ -191,7 +213,7 @@ def _run(
         yield spread(*_texels(material, cube, frames, views, seen, goal, samples, seed), "bound")
         return
     method = monte_carlo if estimator == "mc" else quasi_monte_carlo
-    for value, error, used in method(material, cube, frames, views, seen, samples, seed):
+    for value, error, used in method(material, cube, frames, views, seen, samples, seed, planes):
         yield spread(value, error, np.full(len(seen), used, dtype=np.int64), "standard")
         if tolerance is not None and _rms(error) <= tolerance * _rms(value):
             return

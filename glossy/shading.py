@@ -429,6 +429,7 @@ def shade(
     precision: str = "single",
     irradiance: npt.ArrayLike | None = None,
     irradiance_below: npt.ArrayLike | None = None,
+    parallax: object = None,
     **options: Any,
 ) -> FloatArray:
     """Radiance towards the viewer from every point, by a real-time method.
@@ -449,6 +450,9 @@ def shade(
         is warned about.
     irradiance_below : (..., 3) array, optional
         Irradiance on the other side, for ``diffuse_transmission`` in the same way.
+    parallax : BoundingPlanes, optional
+        Look up where each sample's direction meets these planes; needs points with positions and
+        a method that samples by a table (``regular``, ``importance``, ``thesis``).
     **options
         The method's own: for ``regular`` samples, threshold, footprint, normalisation, bias,
         pattern, subtexel_bits, kernel.
@@ -467,7 +471,13 @@ def shade(
     if isinstance(material, Lobe):
         material = Material(reflection=[material])
     dtype = _check.dtype_of(precision)
-    out: FloatArray = function(points, material, prepared, precision=precision, **options)
+    out: FloatArray
+    if parallax is None:
+        out = function(points, material, prepared, precision=precision, **options)
+    else:
+        from .parallax import shade_planes
+
+        out = shade_planes(points, material, prepared, method, parallax, precision, options)
     diffuse = (
         ("kd", material.diffuse, "irradiance", irradiance),
         ("diffuse_transmission", material.diffuse_below, "irradiance_below", irradiance_below),

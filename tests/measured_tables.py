@@ -23,7 +23,7 @@ def synthetic_table(
     ``noise``: relative, normal, plus a floor of a hundredth of it; ``shadow``: values within this
     angle [deg] of the light are 0, as where the lamp stands before the sensor.
     """
-    both = bool(material.transmission)
+    both = bool(material.transmission) or bool(np.any(material.diffuse_below))
     t = (np.arange(rows) + 0.5) * 90.0 / rows
     tt, pp = np.meshgrid(np.radians(t), np.arange(columns) * 2.0 * np.pi / columns, indexing="ij")
     out = spherical(tt.ravel(), pp.ravel())

@@ -67,6 +67,25 @@ def _vectors(points: glossy.SurfacePoints) -> list[Array]:
     return [v.astype(np.float32) for v in (points.normal, points.tangent, points.view)]
 
 
+def draw(source: str, vectors: list[Array], pyramid: glossy.Pyramid) -> Array:
+    """One full-screen pass of a fragment shader, (H, W, 3) from the bottom row up.
+
+    ``vectors``: normals, tangents and views (H, W, 3), for a shader that reads them.
+    """
+    spec = importlib.util.spec_from_file_location("llvmpipe", BENCHMARKS / "llvmpipe.py")
+    assert spec is not None
+    assert spec.loader is not None
+    llvmpipe: Any = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(llvmpipe)
+    picture = llvmpipe.Pass(list(pyramid.levels), tuple(vectors), source)
+    if not any(name in picture.renderer.lower() for name in SOFTWARE):
+        raise RuntimeError(f"{picture.renderer} is no software renderer")
+    picture.run()
+    seen: Array = picture.read().copy()
+    picture.release()
+    return seen
+
+
 def opengl(
     functions: str,
     points: glossy.SurfacePoints,
@@ -74,19 +93,7 @@ def opengl(
     call: str = "glossyRadiance(env, n, t, v)",
 ) -> Array:
     """The picture (H, W, 3) of exported GLSL at the points (H, W)."""
-    spec = importlib.util.spec_from_file_location("llvmpipe", BENCHMARKS / "llvmpipe.py")
-    assert spec is not None
-    assert spec.loader is not None
-    llvmpipe: Any = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(llvmpipe)
-    source = FRAGMENT.format(functions=functions, call=call)
-    picture = llvmpipe.Pass(list(pyramid.levels), tuple(_vectors(points)), source)
-    if not any(name in picture.renderer.lower() for name in SOFTWARE):
-        raise RuntimeError(f"{picture.renderer} is no software renderer")
-    picture.run()
-    seen: Array = picture.read().copy()
-    picture.release()
-    return seen
+    return draw(FRAGMENT.format(functions=functions, call=call), _vectors(points), pyramid)
 
 
 def missing_opengl() -> str | None:

@@ -23,6 +23,7 @@ FROSTED = glossy.Material(
     0.3,
     [glossy.Lobe(0.2, ks=0.5, r0=0.3)],
     [glossy.Lobe(0.3, ks=0.6, r0=0.0, alpha=0.2)],
+    diffuse_transmission=0.1,
 )
 PAINT = glossy.Material((0.4, 0.2, 0.1), [glossy.Lobe(0.15, ks=(0.9, 0.7, 0.5), r0=0.2)])
 
@@ -63,13 +64,14 @@ def test_the_error_of_a_fit_is_the_metric_of_its_material(
 
 def test_a_zero_row_does_not_count(table: MeasuredTable) -> None:
     """Eq. 3.7 sums over the non-zero measurements: shadowed rows change nothing."""
-    fit = fit_table(table, **FAST)  # type: ignore[arg-type]
+    fit = fit_table(table, weights="sine", **FAST)  # type: ignore[arg-type]
     dark = MeasuredTable(
         np.concatenate([table.wi, table.wi[::7]]),
         np.concatenate([table.wo, table.wo[::7]]),
         np.concatenate([table.f, 0.0 * table.f[::7]]),
     )
-    assert fit_table(dark, **FAST).error == pytest.approx(fit.error, rel=1e-9)  # type: ignore[arg-type]
+    again = fit_table(dark, weights="sine", **FAST)  # type: ignore[arg-type]
+    assert again.error == pytest.approx(fit.error, rel=1e-9)
 
 
 @pytest.mark.parametrize("material", [METAL, TWO, FROSTED], ids=["one", "two", "frosted"])
@@ -79,6 +81,8 @@ def test_parameters_come_back_from_a_clean_table(material: glossy.Material) -> N
     assert fit.material is not None
     assert fit.error < 1e-7
     assert fit.material.kd == pytest.approx(material.kd, abs=1e-5)
+    below = fit.material.diffuse_transmission
+    assert below == pytest.approx(material.diffuse_transmission, abs=1e-5)
     for found, true in zip(fit.material.lobes, material.lobes, strict=True):
         for name in ("mx", "my", "alpha", "r0", "ks"):
             assert getattr(found, name) == pytest.approx(getattr(true, name), abs=2e-4), name
@@ -268,6 +272,7 @@ REFUSALS = [
     ({"fixed": {"mx": (0.1, 0.2)}}, "must be one number"),
     ({"grid": 1}, "grid: must be at least 2"),
     ({"time_limit": 0.0}, "time_limit: must be in"),
+    ({"light": "below"}, "the table has no light from below"),
     ({"spacing": "cubic"}, "spacing: must be one of"),
 ]
 
@@ -288,6 +293,18 @@ def test_weights_of_the_table_are_those_of_its_grid(table: MeasuredTable) -> Non
     bare = MeasuredTable(table.wi, table.wo, table.f)
     with pytest.raises(ValueError, match="needs a table with solid angles"):
         fit_table(bare, weights="table")
+
+
+def test_light_from_below_is_the_same_seen_from_there(table: MeasuredTable) -> None:
+    flip = [1.0, 1.0, -1.0]
+    both = MeasuredTable(
+        np.concatenate([table.wi, table.wi * flip]),
+        np.concatenate([table.wo, table.wo * flip]),
+        np.concatenate([table.f, 0.5 * table.f]),
+    )
+    above, below = (fit_table(both, light=x, **FAST) for x in ("above", "below"))  # type: ignore[arg-type]
+    assert above.rows == below.rows == len(table)
+    assert below.error == pytest.approx(0.5 * above.error, rel=1e-3)
 
 
 def test_a_fit_says_everything_in_plain_values(table: MeasuredTable) -> None:

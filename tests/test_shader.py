@@ -6,6 +6,7 @@ reported as a skipped test with its reason.
 
 import pathlib
 import re
+import shlex
 import shutil
 import subprocess
 from typing import Any
@@ -22,6 +23,8 @@ from glossy.export.languages import LANGUAGES
 from glossy.export.shader import EXPORTS
 
 Array = npt.NDArray[Any]
+
+PAGE = (pathlib.Path(__file__).parent.parent / "docs/shaders.md").read_text(encoding="utf-8")
 
 RGB_LOBE = glossy.Lobe(0.2, 0.075, ks=(0.9, 0.6, 0.3), r0=(0.9, 0.5, 0.1), alpha=0.4)
 WHITE = glossy.Lobe(0.15)
@@ -75,7 +78,7 @@ def opengl() -> Any:
     reason = software_gpu.missing_opengl()
     if reason is not None:
         pytest.skip(reason)
-    return software_gpu.opengl
+    return software_gpu
 
 
 @pytest.fixture(scope="module")
@@ -121,8 +124,27 @@ def test_glsl_gives_the_picture(
 ) -> None:
     expected = shaded(case, points, pyramid)
     assert expected.max() > 0.1
-    seen = opengl(export(case, "glsl"), points, pyramid)
+    seen = opengl.opengl(export(case, "glsl"), points, pyramid)
     assert glossy.relative_rms(seen, expected) < SHADER
+
+
+def test_the_page_s_shader_gives_the_picture_of_glossy_render(
+    opengl: Any, tmp_path: pathlib.Path
+) -> None:
+    """The text of docs/shaders.md with the output of ``glossy pattern``; rows from below in GL."""
+    source = re.search(r"```glsl\n(.*?)```", PAGE, flags=re.DOTALL)
+    assert source
+    shader, picture = str(tmp_path / "glossy.glsl"), str(tmp_path / "render.exr")
+    material = ["--material", "mx=.2,my=.075,r0=.6,alpha=.2", "--samples", "20"]
+    scene = ["--env", "spots", "--size", "32"]
+    assert cli.main(["pattern", *material, "--format", "glsl", "-o", shader]) == 0
+    assert cli.main(["render", *scene, *material, "-o", picture]) == 0
+    head, _, main = source[1].partition("// here: the output of glossy pattern --format glsl\n")
+    text = head + pathlib.Path(shader).read_text() + main
+    cube = glossy.build_pyramid(glossy.environment("spots", size=32))
+    nothing = [np.zeros((256, 256, 3), dtype=np.float32)] * 3
+    seen = opengl.draw(text, nothing, cube)[::-1]
+    assert glossy.relative_rms(seen, glossy.read_image(picture).pixels) < SHADER
 
 
 def test_two_shaders_stand_side_by_side(
@@ -135,7 +157,7 @@ def test_two_shaders_stand_side_by_side(
     call = "firstRadiance(env, n, t, v) + secondRadiance(env, n, t, v)"
     both = glossy.shade(points, RGB_LOBE, pyramid)
     both += glossy.shade(points, WHITE, pyramid, method="importance")
-    assert glossy.relative_rms(opengl(text, points, pyramid, call), both) < SHADER
+    assert glossy.relative_rms(opengl.opengl(text, points, pyramid, call), both) < SHADER
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -212,6 +234,8 @@ def test_nothing_is_paid_for_that_the_material_does_not_have(language: str) -> N
     for word in ("Fresnel", "pow(", "LobeArea", "Lobe2", "ALPHA", "- normal"):
         assert word not in bare
     text = glossy.export_shader(FOIL, language)
+    assert "diffuse part left out" not in text
+    assert "diffuse part left out" in glossy.export_shader(glossy.material("white-foil"), language)
     for word in ("Fresnel(", "FresnelRest(", "LobeArea(", "Lobe3(", "- normal"):
         assert word in text
 
@@ -222,6 +246,9 @@ def test_the_text_is_tidy(language: str, method: str) -> None:
     text = glossy.export_shader(FOIL, language, method)
     assert "$" not in text
     assert text.isascii()
+    if language != "wgsl":
+        code = re.sub("//.*", "", text)
+        assert not re.search(r"\b(let|var|fn|f32|i32|textureSampleLevel)\b|->|vec\d<|: ", code)
     assert text.endswith("}\n")
     assert not re.search(r"[ \t]$", text, flags=re.MULTILINE)
     assert max(map(len, text.splitlines())) <= 102
@@ -302,3 +329,9 @@ def test_bad_input_is_one_line(line: str, message: str, capsys: pytest.CaptureFi
     assert out == ""
     assert err.startswith(f"glossy pattern: {message}")
     assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("line", re.findall(r"^glossy .*", PAGE, flags=re.MULTILINE))
+def test_the_page_s_commands_parse(line: str) -> None:
+    args = cli.build_parser().parse_args(shlex.split(line)[1:])
+    assert callable(args.run)

@@ -86,3 +86,9 @@ MIDPOINT_400 = 2e-3
 
 Z_MAX = 4.5
 """Largest of a dozen z-scores, t-distributed with 15 degrees of freedom: 1 in 200."""
+
+ROOM_MAP = 5e-3
+"""A room's walls through a cube map of 64 texels a face, bilinear, creases at its edges."""
+
+THESIS_TRANSMISSION = 0.15
+"""The thesis's estimators renormalise over the samples above the horizon: no limit is the truth."""

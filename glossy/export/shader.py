@@ -36,8 +36,8 @@ EXPORTS: Mapping[str, ModuleType] = {
 HEAD = """\
 glossy {version}, method {method}: {options}
 
-Radiance towards the viewer from the glossy lobes of a material. In the comments, "paper" is
-Real-time Rendering of Glossy Materials with Regular Sampling.
+Radiance towards the viewer from the glossy lobes of a material{diffuse}.
+In the comments, "paper" is Real-time Rendering of Glossy Materials with Regular Sampling.
 
 normal, tangent, view: unit vectors in world coordinates. tangent is the direction of mx and
 perpendicular to the normal, view points to the eye, bitangent = cross(normal, tangent).
@@ -124,6 +124,7 @@ def export_shader(
     mirrored = [MIRRORED] if whole.transmission else []
     head = HEAD.format(
         version=__version__,
+        diffuse=", its diffuse part left out" if whole.diffuse.any() else "",
         method=method,
         options=", ".join(f"{k} {v}" for k, v in {**known, **options}.items() if k in SHARED),
         equations=_equations([*EQUATIONS, *mirrored, *module.equations(**options), LEVEL]),

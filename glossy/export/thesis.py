@@ -11,7 +11,7 @@ from .template import Equation, Part, ShaderLobe
 
 MEAN: tuple[Equation, ...] = (
     ("p = D(wh) (wh.n) / (4 (wo.wh))", "(4)", "paper eq. 10"),
-    ("X = f (wi.n) / p = F (wi.n) / (wh.n) / ((wi.n) (wo.n))^alpha", "", ""),
+    ("X = f (wi.n) / (ks p) = F (wi.n) / (wh.n) / ((wi.n) (wo.n))^alpha", "", ""),
 )
 WEIGHTS: dict[str, Equation] = {
     "4.23": ("L = ks sum w L_mip X / sum w, w = p", "(5)", "thesis eq. 4.23"),
@@ -49,7 +49,7 @@ def part(
     taps = np.column_stack([own.half_vectors, p_h / max(float(p_h.max()), 1e-300)])
     share, before = SHARES[estimator], ["var sum: vec3<f32> = vec3<f32>(0.0, 0.0, 0.0);"]
     if estimator == "4.25" and lobe.lobe.alpha:
-        before.append("let scale: f32 = pow(wo.z, ${C}_ALPHA);")
+        before.append("let scale: f32 = pow(wo.z, ${C}_ALPHA);  // cancels, keeps w near 1")
         share += " * scale"
     if estimator == "4.25" and lobe.fresnel:
         type_, share = "vec3<f32>", f"{share} * fresnel"

@@ -27,9 +27,9 @@ from ..brdf import Lobe, Material
 from .fit_kernels import LOBE
 from .fit_metrics import METRICS, errors, finish, metric_code, model_values, transform
 from .fit_polish import Clock
-from .fit_rows import MODELS, WEIGHTS, Rows, diffuse_mode, features, rows_of
+from .fit_rows import MODELS, WEIGHTS, Rows, diffuse_mode, features, lit_from, rows_of
 from .fit_search import Search, Stage
-from .fit_space import SPACINGS, Bounds, Fixed, Space, check_names, make_space
+from .fit_space import DIFFUSE, SPACINGS, Bounds, Fixed, Space, check_names, make_space
 from .table import MeasuredTable
 
 Float64Array = npt.NDArray[np.float64]
@@ -48,9 +48,10 @@ class Fit:
     """A fitted model and how it was found.
 
     ``material`` is None for the baselines, which can be evaluated but not rendered.
-    ``parameters``: side -> kd of every channel, then mx, my, alpha, r0, ks of every channel for
-    each lobe. ``error`` is over all rows, ``errors`` by side, ``stages`` in order. ``at_bounds``
-    names the parameters that ended on a bound. ``stopped``: the time limit was reached.
+    ``parameters``: side -> kd (transmission: diffuse_transmission) of every channel, then mx, my,
+    alpha, r0 and ks of every channel for each lobe. ``error`` is over all rows, ``errors`` by side,
+    ``stages`` in order. ``at_bounds`` names the parameters that ended on a bound. ``stopped``: the
+    time limit was reached.
     """
 
     model: str
@@ -79,8 +80,9 @@ class Fit:
             own = np.flatnonzero(sign * i[:, 2] * o[:, 2] > 0.0)
             c = np.abs(i[own, 2] * o[own, 2])
             none = np.zeros((len(own), self.channels))
-            kd = c / np.pi if sign > 0.0 else np.zeros_like(c)
-            rows = Rows(features(i[own], o[own], self.model), kd, none, none, self.is_ggx, sign)
+            rows = Rows(
+                features(i[own], o[own], self.model), c / np.pi, none, none, self.is_ggx, sign
+            )
             out[own] = model_values(rows, p) / c[:, None]
         return out.reshape(*shape, self.channels)
 
@@ -107,7 +109,8 @@ def fit_table(
     *,
     model: str = "kurt",
     metric: str = "l1",
-    weights: str = "sine",
+    weights: str = "auto",
+    light: str = "above",
     bounds: Bounds | None = None,
     fixed: Fixed | None = None,
     kd: str = "free",
@@ -133,12 +136,17 @@ def fit_table(
     metric : str
         "l1" (thesis eq. 3.7), "l2", "cubic-root", "log".
     weights : str
-        "sine" (sin theta_o, eq. 3.7), "table" (its solid angles), "equal".
+        "sine" (sin theta_o, eq. 3.7, for directions even in angle), "table" (its solid angles),
+        "equal", or "auto": the table's if it has them, else sine.
+    light : str
+        Rows with the light "above" the surface, "below" it (seen from there), or "both".
     bounds, fixed : mapping
         Name -> (low, high), name -> value (``ks`` and ``kd`` may have one a channel). A name is
-        ``mx``, ``my``, ``alpha``, ``r0``, ``ks`` or ``kd``, or one lobe's: ``reflection[1].mx``.
+        ``mx``, ``my``, ``alpha``, ``r0``, ``ks``, ``kd`` or ``diffuse_transmission``, or one
+        lobe's: ``reflection[1].mx``.
     kd : str
-        "free": the histogram's mode is where the polish starts; "mode": it stays.
+        "free": the histogram's mode is where the polish starts; "mode": it stays. Both diffuse
+        terms.
     isotropic : bool, optional
         Whether my equals mx; what the table says by default.
     grid, levels, rounds : int
@@ -167,6 +175,7 @@ def fit_table(
     _check.choice("polish", polish, POLISHES)
     limit = None if time_limit is None else _check.positive("time_limit", time_limit)
     counts = {"reflection": _check.count("reflection", reflection, 0)}
+    table = lit_from(table, light)
     rows = {side: rows_of(table, side, model, weights) for side in SIDES}
     asked = int(rows["transmission"] is not None) if transmission is None else transmission
     counts["transmission"] = _check.count("transmission", asked, 0)
@@ -194,13 +203,12 @@ def fit_table(
         if side == "transmission" and not any(k in own for k in ("r0", "transmission.r0")):
             own["transmission.r0"] = 0.0
         space = make_space(side, counts[side], r.channels, bounds, own, tied)
-        modes = np.zeros(r.channels)
-        if side == "reflection":
-            modes = np.array([diffuse_mode(v) for v in table.reflection.f.T])
-            c = slice(0, r.channels)
-            modes = np.clip(modes, space.low[c], space.high[c])
-            if kd == "mode":
-                space.low[c] = space.high[c] = modes
+        part = table.reflection if side == "reflection" else table.transmission
+        c = slice(0, r.channels)
+        modes = np.array([diffuse_mode(v) for v in part.f.T])
+        modes = np.clip(modes, space.low[c], space.high[c])
+        if kd == "mode":
+            space.low[c] = space.high[c] = modes
         jobs.append((r, space, modes))
     if not jobs:
         raise _check.fail("reflection, transmission", "at least one lobe is needed", counts)
@@ -241,9 +249,8 @@ def _result(
         by_side[space.side] = finish(sums[-1], totals[-1], code)
         on += space.at_bounds(p)
         parts[space.side] = _lobes(space, p)
-        if space.side == "reflection":
-            kd = p[: space.channels].tolist()
-            parts["kd"] = kd[0] if space.channels == 1 else kd
+        diffuse = p[: space.channels].tolist()
+        parts[DIFFUSE[space.side]] = diffuse[0] if space.channels == 1 else diffuse
     return Fit(
         model=model,
         metric=metric,

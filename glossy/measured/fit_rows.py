@@ -18,7 +18,8 @@ model has the heavy-tailed density and the height-correlated masking of Smith, a
     ggx        P = tilt^2 / (4 pi mx my) (1 + X/mx^2 + Y/my^2)^-2  2 / (s_i + s_o)       (5)
                s = sqrt(1 + (mx^2 x^2 + my^2 y^2) / z^2)  of each direction
 
-So one exponential a row is all that a lobe costs, and ks r0 and ks (1 - r0) enter linearly.
+So one exponential a row is all that a lobe costs, and ks r0 and ks (1 - r0) enter linearly. The
+diffuse part is y = kd c / pi, in transmission with ``diffuse_transmission`` for kd.
 
 Sources: Kurt et al. 2010 and thesis eqs. 3.4-3.6 (kurt); Ward 1992 (3); Cook and Torrance 1982 with
 the normalisation 4 (4); Walter et al. 2007, Heitz 2014 (5). Only ``kurt`` can be rendered; the
@@ -37,7 +38,8 @@ from .table import MeasuredTable
 Float64Array = npt.NDArray[np.float64]
 
 MODELS = ("kurt", "ward", "beckmann", "ggx")
-WEIGHTS = ("sine", "table", "equal")
+WEIGHTS = ("auto", "sine", "table", "equal")
+LIGHTS = ("above", "below", "both")
 GRAZING = 1e-6  # cosine below which a row says nothing: its y is zero whatever the lobe
 
 
@@ -46,7 +48,7 @@ class Rows:
     """The rows of one side, K of them in C channels.
 
     ``features`` (9, K): X, Y, S, ln c, g, then x^2/z^2 and y^2/z^2 of both directions;
-    ``diffuse`` (K,): c / pi, zero in transmission; ``measured`` (K, C): f c; ``weight`` (K, C):
+    ``diffuse`` (K,): c / pi; ``measured`` (K, C): f c; ``weight`` (K, C):
     zero where nothing was measured; ``ggx``: eq. (5) in place of (2); ``sign``: +1 reflection,
     -1 transmission.
     """
@@ -97,15 +99,32 @@ def features(wi: Float64Array, wo: Float64Array, model: str) -> Float64Array:
     return np.ascontiguousarray(np.stack(rows))
 
 
-def _weights(table: MeasuredTable, kind: str) -> Float64Array:
-    """Weight (K,) of every row: sin theta_o, the table's solid angles, or 1."""
-    if kind == "sine":
+def row_weights(table: MeasuredTable, kind: str) -> Float64Array:
+    """Weight (K,) of every row: the table's solid angles, sin theta_o, or 1."""
+    if kind == "sine" or (kind == "auto" and table.weight is None):
         return np.asarray(np.hypot(table.wo[:, 0], table.wo[:, 1]))
     if kind == "equal":
         return np.ones(len(table.wo))
     if table.weight is None:
         raise _check.fail("weights", "needs a table with solid angles", kind)
     return np.asarray(table.weight, dtype=np.float64)
+
+
+def lit_from(table: MeasuredTable, light: str) -> MeasuredTable:
+    """The rows with the light "above" the surface, "below" it, or "both".
+
+    Raises
+    ------
+    ValueError
+        If there are none.
+    """
+    _check.choice("light", light, LIGHTS)
+    if light == "both":
+        return table
+    rows = table.wi[:, 2] > 0.0 if light == "above" else table.wi[:, 2] < 0.0
+    if not rows.any():
+        raise _check.fail("light", f"the table has no light from {light}", light)
+    return table if rows.all() else table.select(rows)
 
 
 def rows_of(table: MeasuredTable, side: str, model: str, weights: str) -> Rows | None:
@@ -121,13 +140,13 @@ def rows_of(table: MeasuredTable, side: str, model: str, weights: str) -> Rows |
     keep = (zi * zo > 0.0) if reflection else (zi * zo < 0.0)
     keep &= (np.abs(zi) > GRAZING) & (np.abs(zo) > GRAZING)
     wi, wo, f = table.wi[keep], table.wo[keep], np.asarray(table.f)[keep]
-    w = _weights(table, weights)[keep, None] * (f != 0.0)
+    w = row_weights(table, weights)[keep, None] * (f != 0.0)
     if not w.any():
         return None
     c = np.abs(wi[:, 2] * wo[:, 2])
     return Rows(
         features=_check.frozen(features(wi, wo, model)),
-        diffuse=_check.frozen(c / math.pi if reflection else np.zeros_like(c)),
+        diffuse=_check.frozen(c / math.pi),
         measured=_check.frozen(f * c[:, None]),
         weight=_check.frozen(w),
         ggx=model == "ggx",
@@ -136,7 +155,7 @@ def rows_of(table: MeasuredTable, side: str, model: str, weights: str) -> Rows |
 
 
 def diffuse_mode(f: npt.ArrayLike) -> float:
-    """Kd = pi times the most common BRDF value, thesis section 3.4.1.
+    """Kd = pi times the most common BSDF value, thesis section 3.4.1.
 
     The value is the mean of the fullest bin of a histogram of the non-zero values ``f`` (K,); the
     bins are 2 IQR / K^(1/3) wide (Freedman and Diaconis 1981) and end at the 95th percentile,

@@ -1,10 +1,11 @@
 """The parameters that a fit may vary: their names, bounds, scales, and what is held fixed.
 
-A set of parameters is one row: kd of every channel, then mx, my, alpha, r0 and ks of every channel
-for each lobe. The search sees only the free ones, roughness by its logarithm.
+A set of parameters is one row: kd (in transmission ``diffuse_transmission``) of every channel, then
+mx, my, alpha, r0 and ks of every channel for each lobe. The search sees only the free ones,
+roughness by its logarithm.
 
-Names are ``kd`` and, for all lobes, ``mx``, ``my``, ``alpha``, ``r0``, ``ks``; one lobe's are
-``reflection[0].mx`` and so on, which overrides the common one.
+Names are ``kd``, ``diffuse_transmission`` and, for all lobes, ``mx``, ``my``, ``alpha``, ``r0``,
+``ks``; one lobe's are ``reflection[0].mx`` and so on, which overrides the common one.
 """
 
 import dataclasses
@@ -21,7 +22,8 @@ from .fit_kernels import LOBE
 Float64Array = npt.NDArray[np.float64]
 
 SHAPE_NAMES = ("mx", "my", "alpha", "r0")
-NAMES = (*SHAPE_NAMES, "ks", "kd")
+DIFFUSE = {"reflection": "kd", "transmission": "diffuse_transmission"}
+NAMES = (*SHAPE_NAMES, "ks", *DIFFUSE.values())
 DEFAULT_BOUNDS = {
     "mx": (0.003, 1.0),
     "my": (0.003, 1.0),
@@ -29,6 +31,7 @@ DEFAULT_BOUNDS = {
     "r0": (0.0, 1.0),
     "ks": (0.0, 1.0),
     "kd": (0.0, 1.0),
+    "diffuse_transmission": (0.0, 1.0),
 }
 LIMITS = {"mx": (M_MIN, M_MAX), "my": (M_MIN, M_MAX), "alpha": (0.0, 1.0), "r0": (0.0, 1.0)}
 SPACINGS = ("log", "linear")
@@ -59,7 +62,7 @@ class Space:
     def names(self) -> list[str]:
         """One name a parameter: ``kd``, ``reflection[0].mx`` ..., with the channel of several."""
         ends = [""] if self.channels == 1 else [f"[{c}]" for c in range(self.channels)]
-        names = [f"kd{e}" for e in ends]
+        names = [f"{DIFFUSE[self.side]}{e}" for e in ends]
         for j in range(self.lobes):
             own = [*SHAPE_NAMES, *(f"ks{e}" for e in ends)]
             names += [f"{self.side}[{j}].{n}" for n in own]
@@ -128,7 +131,7 @@ def check_names(bounds: Bounds, fixed: Fixed, lobes: Mapping[str, int]) -> None:
         for name, value in mapping.items():
             match = _NAME.fullmatch(name)
             known = match is not None and match[3] in NAMES
-            if match is None or not known or (match[1] and match[3] == "kd"):
+            if match is None or not known or (match[1] and match[3] in DIFFUSE.values()):
                 names = ", ".join(NAMES)
                 rule = f"must be one of {names}, or such as reflection[0].mx"
                 raise _check.fail(f"{kind}: name", rule, name)
@@ -139,7 +142,7 @@ def check_names(bounds: Bounds, fixed: Fixed, lobes: Mapping[str, int]) -> None:
             low, high = LIMITS.get(match[3], (0.0, np.inf))
             if kind == "bounds" and (len(values) != 2 or not values[0] <= values[1]):
                 raise _check.fail(f"bounds: {name}", "must be (low, high)", value)
-            if kind == "fixed" and len(values) != 1 and match[3] not in ("ks", "kd"):
+            if kind == "fixed" and len(values) != 1 and match[3] not in ("ks", *DIFFUSE.values()):
                 raise _check.fail(f"fixed: {name}", "must be one number", value)
             for v in values:
                 _check.in_range(f"{kind}: {name}", float(v), low, high)
@@ -170,8 +173,7 @@ def make_space(
                     raise _check.fail(f"fixed: {key}", rule, fixed[key])
                 low[where] = high[where] = value
 
-    if side == "reflection":
-        put(slice(0, channels), "kd", "kd")
+    put(slice(0, channels), DIFFUSE[side], DIFFUSE[side])
     for j in range(lobes):
         at = channels + j * (LOBE + channels)
         for k, name in enumerate((*SHAPE_NAMES, "ks")):

@@ -2,6 +2,8 @@
 
 The directions measured for one incident direction share their hemisphere: each has what is nearer
 to it than to the others. Points that fill the hemisphere evenly are counted by nearest direction.
+Where an isotropic surface was measured on one side of the plane of incidence only, the other side
+is its mirror image.
 """
 
 import numpy as np
@@ -13,6 +15,7 @@ from .table import MeasuredTable
 Float64Array = npt.NDArray[np.float64]
 
 POINTS = 40_000  # of a hemisphere; each counts 1.6e-4 sr
+ONE_SIDE = 1e-4  # distance from the plane of incidence that is none
 GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 
 
@@ -31,14 +34,35 @@ def solid_angles(table: MeasuredTable) -> Float64Array:
     """
     weight = np.zeros(len(table))
     even = even_hemisphere(POINTS)
-    for rows in table.incident_directions()[1]:
+    lights, members = table.incident_directions()
+    for light, rows in zip(lights, members, strict=True):
         for side in (1.0, -1.0):
             own = rows[table.wo[rows, 2] * side > 0.0]
             if not len(own):
                 continue
             places, label = np.unique(np.round(table.wo[own], 6), axis=0, return_inverse=True)
             label = label.reshape(-1)
-            nearest = cKDTree(places).query(even * np.array([1.0, 1.0, side]))[1]
+            points = even * np.array([1.0, 1.0, side])
+            if table.isotropic:
+                points = _folded(points, places, light)
+            nearest = cKDTree(places).query(points)[1]
             area = np.bincount(nearest, minlength=len(places)) * (2.0 * np.pi / POINTS)
             weight[own] = (area / np.bincount(label))[label]
     return weight
+
+
+def _folded(points: Float64Array, places: Float64Array, light: Float64Array) -> Float64Array:
+    """The points mirrored to the side of the plane of incidence that has all the places, if any."""
+    length = np.hypot(light[0], light[1])
+    if length < ONE_SIDE:
+        return points
+    across = np.array([-light[1], light[0], 0.0]) / length
+    sides = places @ across
+    if sides.min() > -ONE_SIDE:
+        turn = 1.0
+    elif sides.max() < ONE_SIDE:
+        turn = -1.0
+    else:
+        return points
+    below = np.minimum(turn * (points @ across), 0.0)
+    return np.asarray(points - 2.0 * below[:, None] * (turn * across))

@@ -23,6 +23,7 @@ import numpy.typing as npt
 from ..cubemap import CubeMap
 from ..frames import dot
 from .environment import EnvironmentSampler
+from .planes import PlaneLight
 from .random import sobol, uniform
 
 Float64Array = npt.NDArray[np.float64]
@@ -37,8 +38,8 @@ FIRST_PASS = 64  # draws (of both estimators) in the first pass; the total doubl
 
 def pair_values(
     material: Any,
-    cube: CubeMap,
-    sampler: EnvironmentSampler,
+    cube: CubeMap | PlaneLight,
+    sampler: EnvironmentSampler | PlaneLight,
     frames: Float64Array,
     views: Float64Array,
     u: Float64Array,
@@ -89,8 +90,12 @@ def monte_carlo(
     index: IntArray,
     samples: int,
     seed: int,
+    planes: PlaneLight | None = None,
 ) -> Iterator[Pass]:
-    """Yield radiance (K, 3), standard error (K, 3) and samples per point after each pass."""
+    """Yield radiance (K, 3), standard error (K, 3) and samples per point after each pass.
+
+    ``planes`` stands for the cube map where light depends on the place.
+    """
     sampler = EnvironmentSampler(cube)
     mean, spread = np.zeros((len(views), 3)), np.zeros((len(views), 3))
     for start, stop in _passes(samples, 1):
@@ -98,7 +103,8 @@ def monte_carlo(
             count = min(BLOCK, stop - first)
             for at in _chunks(len(views), count):
                 u = uniform(seed, index[at], first, count, 4)
-                x = pair_values(material, cube, sampler, frames[at], views[at], u)
+                light, source = (cube, sampler) if planes is None else (planes.at(at),) * 2
+                x = pair_values(material, light, source, frames[at], views[at], u)
                 own = _row_sums(x) / count
                 square = _row_sums((x - own[:, None, :]) ** 2)
                 gap = own - mean[at]  # means and squares of two sets joined
@@ -117,6 +123,7 @@ def quasi_monte_carlo(
     index: IntArray,
     samples: int,
     seed: int,
+    planes: PlaneLight | None = None,
 ) -> Iterator[Pass]:
     """As ``monte_carlo``, with randomised low-discrepancy points."""
     sampler = EnvironmentSampler(cube)
@@ -128,7 +135,8 @@ def quasi_monte_carlo(
             for at in _chunks(len(views), REPLICATES * count):
                 u = sobol(seed, index[at], first, count, 4, REPLICATES)
                 flat = u.reshape(len(u), -1, 4)
-                x = pair_values(material, cube, sampler, frames[at], views[at], flat)
+                light, source = (cube, sampler) if planes is None else (planes.at(at),) * 2
+                x = pair_values(material, light, source, frames[at], views[at], flat)
                 total[at] += _row_sums(x.reshape(len(u), REPLICATES, count, 3))
         means = total / stop
         mean = _row_sums(means) / REPLICATES
