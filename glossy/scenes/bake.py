@@ -26,7 +26,7 @@ from .arealight import towards
 from .geometry import Geometry, Hits
 from .lightmaps import Layout, LightMaps, layout, nearest_texel, surface_points
 from .model import ObjectScene
-from .shapes import MESH, PARTS, Rectangle
+from .shapes import BOX, MESH, PARTS, RECTANGLE, Rectangle
 
 Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
@@ -133,6 +133,15 @@ class _Texels:
             both = (mesh.vertices[index], mesh.normals[index])
             point, normal = (np.repeat(a, len(xi), axis=0) for a in both)
             return point, normal
+        if self.geometry.kinds[j] in (BOX, RECTANGLE):  # flat: three corners say it all
+            corners, up = surface_points(
+                self.geometry, j, part, *np.array([[0, 1, 0], [0, 0, 1.0]])
+            )
+            steps = (corners[1] - corners[0]) / w, (corners[2] - corners[0]) / h
+            origin = corners[0] + (index % w)[:, None] * steps[0] + (index // w)[:, None] * steps[1]
+            inside = xi[:, :1] * steps[0] + xi[:, 1:] * steps[1]
+            point = (origin[:, None] + inside).reshape(-1, 3)
+            return point, np.broadcast_to(up[0], point.shape)
         u = ((index % w)[:, None] + xi[:, 0]) / w
         v = ((index // w)[:, None] + xi[:, 1]) / h
         point, normal = surface_points(self.geometry, j, part, u, v)
@@ -293,16 +302,18 @@ class _FirstLight:
         start = points + self.geometry.offset * normals
         along = np.empty_like(start)
         _hemisphere(_check.frozen(normals), _check.frozen(self.numbers[:, 2:4]), along)
-        hits = self.world.intersect(start, along)
+        hits = self.world.cast(_check.frozen(start), _check.frozen(along))
         inside = self.closed[hits.object] & ~hits.front & hits.found
         hits = _remapped(hits, self.index)
-        value = np.pi * self.glow[hits.object]
+        value = np.zeros_like(start)
+        if self.glow.any():
+            value += np.pi * self.glow[hits.object]
         if self.sky is not None:
             free = ~hits.found
             share = 2.0 * np.pi / n * (6.0 * self.sky.size**2) / (4.0 * np.pi)  # texels a ray
             level = max(0.5 * np.log2(share), 0.0)
             value[free] += np.pi * self.sky.sample(along[free], level)
-        texel = nearest_texel(self.geometry, self.plan, self._objects(hits))
+        texel = nearest_texel(self.geometry, self.plan, hits, len(self.scene.objects))
         texel[inside] = -1
         value[inside] = 0.0
         value = value.reshape(-1, n, 3)
@@ -310,12 +321,6 @@ class _FirstLight:
         parts = self._by_replicate(value), self._by_replicate(valid[..., None])[..., 0]
         direct = self._direct(start, normals, valid)
         return parts[0] + direct, parts[1], texel.reshape(-1, n).astype(np.int32)
-
-    def _objects(self, hits: Hits) -> Hits:
-        """Hits on lights count as nothing: their light is in ``_direct``."""
-        known = np.where(hits.object < len(self.scene.objects), hits.object, -1)
-        fields = (hits.distance, hits.position, hits.normal, hits.tangent, hits.uv, hits.part)
-        return Hits(known, *fields, hits.front)
 
     @staticmethod
     def _by_replicate(value: npt.NDArray[np.generic]) -> Float64Array:
@@ -337,7 +342,9 @@ class _FirstLight:
             seen = np.zeros(len(start), dtype=bool)
             ask = np.flatnonzero((weight > 0.0) & valid.reshape(-1))
             far = distance[ask] - 2.0 * self.geometry.offset
-            seen[ask] = ~self.world.occluded(start[ask], along[ask], far)
+            seen[ask] = ~self.world.blocked(
+                _check.frozen(start[ask]), _check.frozen(along[ask]), far
+            )
             weight = np.where(valid, weight.reshape(b, n), 0.0)
             total = self._by_replicate(weight[..., None])[..., 0]
             clear = self._by_replicate((weight * seen.reshape(b, n))[..., None])[..., 0]

@@ -171,8 +171,25 @@ class Geometry:
             For shapes that do not broadcast, or a vector that is zero or not finite.
         """
         shape, o, d = self._rays(origins, directions)
-        count = len(o)
         limit = np.broadcast_to(np.asarray(far, dtype=np.float64), shape).reshape(-1)
+        hits = self.cast(o, d, near, limit, skip)
+
+        def shaped(a: npt.NDArray[Any]) -> npt.NDArray[Any]:
+            return a.reshape(*shape, *a.shape[1:])
+
+        return Hits(*(shaped(getattr(hits, f.name)) for f in dataclasses.fields(Hits)))
+
+    def cast(
+        self,
+        o: Float64Array,
+        d: Float64Array,
+        near: float = 0.0,
+        far: npt.ArrayLike = np.inf,
+        skip: int = -1,
+    ) -> Hits:
+        """``intersect`` of rays (K, 3) that are C-ordered, read-only, and of unit length."""
+        o, count = _check.frozen(o), len(o)
+        limit = np.broadcast_to(np.asarray(far, dtype=np.float64), (count,))
         distance, found = np.empty(count), np.empty(count, dtype=np.int64)
         intersect.closest(
             o, d, _check.frozen(limit), float(near), skip,
@@ -200,14 +217,7 @@ class Geometry:
                 position[rays] = o[rays] + distance[rays, None] * d[rays]
                 frame = mesh.frame(part[rays], uv[rays], d[rays])
                 normal[rays], tangent[rays], front[rays] = frame
-
-        def shaped(a: npt.NDArray[Any]) -> npt.NDArray[Any]:
-            return a.reshape(*shape, *a.shape[1:])
-
-        return Hits(
-            shaped(found), shaped(distance), shaped(position), shaped(normal), shaped(tangent),
-            shaped(uv), shaped(part), shaped(front),
-        )  # fmt: skip
+        return Hits(found, distance, position, normal, tangent, uv, part, front)
 
     def occluded(
         self,
@@ -223,6 +233,18 @@ class Geometry:
         """
         shape, o, d = self._rays(origins, directions)
         limit = np.broadcast_to(np.asarray(far, dtype=np.float64), shape).reshape(-1)
+        return self.blocked(o, d, limit, near, skip).reshape(shape)
+
+    def blocked(
+        self,
+        o: Float64Array,
+        d: Float64Array,
+        far: npt.ArrayLike = np.inf,
+        near: float = 0.0,
+        skip: int = -1,
+    ) -> BoolArray:
+        """``occluded`` for rays as ``cast`` takes them."""
+        limit = np.broadcast_to(np.asarray(far, dtype=np.float64), (len(o),))
         out = np.zeros(len(o), dtype=bool)
         intersect.blocked(
             o, d, _check.frozen(limit), float(near), skip,
@@ -234,4 +256,4 @@ class Geometry:
             left = np.flatnonzero(~out)
             rays, t, _, _ = mesh.closest(o[left], d[left], near)
             out[left[rays[t < limit[left[rays]]]]] = True
-        return out.reshape(shape)
+        return out

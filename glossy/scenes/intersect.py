@@ -170,6 +170,27 @@ def _meets_bounds(o: Triple, d: Triple, bounds: Float64Array, far: Scalar) -> bo
 
 
 @parallel_kernel
+def meets_box(
+    origins: Float64Array,
+    directions: Float64Array,
+    box: Float64Array,
+    out: npt.NDArray[np.bool_],
+) -> None:
+    """Whether each ray (K, 3) meets the box between two corners (2, 3)."""
+    for k in numba.prange(origins.shape[0]):
+        enter, leave = 0.0, math.inf
+        for i in range(3):
+            o, d = origins[k, i], directions[k, i]
+            if d == 0.0:
+                if o < box[0, i] or o > box[1, i]:
+                    leave = -1.0
+                continue
+            t0, t1 = (box[0, i] - o) / d, (box[1, i] - o) / d
+            enter, leave = max(enter, min(t0, t1)), min(leave, max(t0, t1))
+        out[k] = enter <= leave
+
+
+@parallel_kernel
 def closest(
     origins: Float64Array,
     directions: Float64Array,

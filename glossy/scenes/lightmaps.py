@@ -131,7 +131,7 @@ def _corners(position: Scalar, size: Scalar, wraps: Scalar) -> tuple[int, int, S
 
 
 @parallel_kernel
-def _fetch(
+def _leaving(
     found: Int64Array,
     part: Int64Array,
     uv: Float64Array,
@@ -139,36 +139,66 @@ def _fetch(
     first: Int64Array,
     charts: Int64Array,
     values: Float32Array,
+    factor: Float64Array,
+    glow: Float64Array,
+    checkers: Float64Array,
     out: Float64Array,
 ) -> None:
-    # (K,), (K,), (K, 2), (M,), (M,), (C, 5), (T, 3) -> (K, 3); meshes and misses are left
+    # (K,), (K,), (K, 2), (M,), (M,), (C, 5), (T, 3), factor and glow (O, 3), checkers (O, 5):
+    # repeats (0 for none) and its factor -> glow + factor E (K, 3); meshes and misses are left
     for k in numba.prange(found.shape[0]):
         j = found[k]
-        if j < 0 or kinds[j] == MESH:
+        if j < 0 or j >= factor.shape[0] or kinds[j] == MESH:
             continue
         c = charts[first[j] + part[k]]
         col0, col1, a = _corners(uv[k, 0], c[2], c[3])
         row0, row1, b = _corners(uv[k, 1], c[1], c[4])
         base = c[0]
+        odd = False
+        if checkers[j, 0] > 0.0:
+            cells = math.floor(uv[k, 0] * checkers[j, 0]) + math.floor(uv[k, 1] * checkers[j, 1])
+            odd = cells % 2 == 1
         for x in range(3):
             top = values[base + row0 * c[2] + col0, x] * (1.0 - a)
             top += values[base + row0 * c[2] + col1, x] * a
             low = values[base + row1 * c[2] + col0, x] * (1.0 - a)
             low += values[base + row1 * c[2] + col1, x] * a
-            out[k, x] = top * (1.0 - b) + low * b
+            share = checkers[j, 2 + x] if odd else factor[j, x]
+            out[k, x] = glow[j, x] + share * (top * (1.0 - b) + low * b)
 
 
-def nearest_texel(geometry: Geometry, plan: Layout, hits: Hits) -> Int64Array:
-    """Index (...) of the texel nearest to each hit, -1 where nothing was hit."""
-    found = np.maximum(hits.object, 0)
-    out = np.full(hits.object.shape, -1, dtype=np.int64)
-    flat = hits.found & (geometry.kinds[found] != MESH)
-    c = plan.charts[plan.first[found[flat]] + hits.part[flat]]
-    col = np.minimum((hits.uv[flat][:, 0] * c[:, 2]).astype(np.int64), c[:, 2] - 1)
-    row = np.minimum((hits.uv[flat][:, 1] * c[:, 1]).astype(np.int64), c[:, 1] - 1)
-    out[flat] = c[:, 0] + row * c[:, 2] + col
+@parallel_kernel
+def _nearest(
+    found: Int64Array,
+    part: Int64Array,
+    uv: Float64Array,
+    kinds: Int64Array,
+    first: Int64Array,
+    charts: Int64Array,
+    objects: int,
+    out: Int64Array,
+) -> None:
+    # texel (K,) nearest to each hit on one of the first ``objects``, -1 elsewhere and on meshes
+    for k in numba.prange(found.shape[0]):
+        j = found[k]
+        out[k] = -1
+        if j >= 0 and j < objects and kinds[j] != MESH:
+            c = charts[first[j] + part[k]]
+            col = min(int(uv[k, 0] * c[2]), c[2] - 1)
+            row = min(int(uv[k, 1] * c[1]), c[1] - 1)
+            out[k] = c[0] + row * c[2] + col
+
+
+def nearest_texel(geometry: Geometry, plan: Layout, hits: Hits, objects: int) -> Int64Array:
+    """Index (K,) of the texel nearest to each hit on the first ``objects``, else -1."""
+    out = np.empty(len(hits.object), dtype=np.int64)
+    f = _check.frozen
+    _nearest(
+        f(hits.object), f(hits.part), f(hits.uv), f(geometry.kinds), f(plan.first), f(plan.charts),
+        objects, out,
+    )  # fmt: skip
     for j, start in plan.meshes.items():
-        on = hits.object == j
+        on = np.flatnonzero(hits.object == j)
         uv = hits.uv[on]
         weights = np.column_stack([1.0 - uv.sum(axis=-1), uv])
         corner = geometry.meshes[j].triangles[hits.part[on], np.argmax(weights, axis=1)]
@@ -194,44 +224,49 @@ class LightMaps:
         self.values: Float32Array = np.ascontiguousarray(values, dtype=np.float32)
         self.error = error
         self._albedo = np.array([o.albedo() for o in scene.objects]).reshape(-1, 3)
+        self._kd = np.array([o.material.diffuse for o in scene.objects]).reshape(-1, 3)
         self._emission = np.array([o.emission for o in scene.objects]).reshape(-1, 3)
+        self._checkers = np.zeros((len(scene.objects), 5))
+        for j, item in enumerate(scene.objects):
+            if item.checker is not None:
+                self._checkers[j, :2] = item.checker.repeat
+                self._checkers[j, 2:] = np.asarray(item.checker.kd) / np.pi
 
-    def irradiance(self, hits: Hits) -> Float64Array:
-        """Irradiance (..., 3) at hits on objects; 0 elsewhere."""
+    def _evaluate(self, hits: Hits, factor: Float64Array, glow: bool) -> Float64Array:
+        """Glow + factor E at hits on objects (..., 3), checkers laid over; 0 elsewhere."""
         shape = hits.object.shape
-        found = np.where(hits.object < len(self.scene.objects), hits.object, -1).reshape(-1)
+        found, part = hits.object.reshape(-1), hits.part.reshape(-1)
+        uv = hits.uv.reshape(-1, 2)
         out = np.zeros((found.size, 3))
-        part, uv = hits.part.reshape(-1), hits.uv.reshape(-1, 2)
-        kinds, first, charts = self.geometry.kinds, self.plan.first, self.plan.charts
-        where = (_check.frozen(a) for a in (found, part, uv))
-        table = (_check.frozen(a) for a in (kinds, first, charts, self.values))
-        _fetch(*where, *table, out)  # type: ignore[call-arg]
+        emission = self._emission if glow else np.zeros_like(self._emission)
+        checkers = self._checkers if glow else np.zeros_like(self._checkers)
+        f = _check.frozen
+        _leaving(
+            f(found), f(part), f(uv), f(self.geometry.kinds), f(self.plan.first),
+            f(self.plan.charts), f(self.values), f(factor), f(emission), f(checkers), out,
+        )  # fmt: skip
         for j, start in self.plan.meshes.items():
             on = np.flatnonzero(found == j)
             corners = self.values[start + self.geometry.meshes[j].triangles[part[on]]]
             weights = np.column_stack([1.0 - uv[on].sum(axis=-1), uv[on]])
-            out[on] = np.einsum("kc,kcx->kx", weights, corners)
+            out[on] = emission[j] + factor[j] * np.einsum("kc,kcx->kx", weights, corners)
         return out.reshape(*shape, 3)
 
-    def colours(self, hits: Hits, base: Float64Array) -> Float64Array:
-        """Rows of ``base`` (M, 3) by object (..., 3), checkers laid over them; 0 elsewhere."""
-        known = (hits.object >= 0) & (hits.object < len(self.scene.objects))
-        out = np.where(known[..., None], base[np.where(known, hits.object, 0)], 0.0)
-        for j, item in enumerate(self.scene.objects):
-            if item.checker is None:
-                continue
-            on = hits.object == j
-            cells = np.floor(hits.uv[on] * np.asarray(item.checker.repeat)).sum(axis=-1)
-            out[on] = np.where((cells % 2.0 == 1.0)[:, None], item.checker.kd, out[on])
-        return out
+    def irradiance(self, hits: Hits) -> Float64Array:
+        """Irradiance (..., 3) at hits on objects; 0 elsewhere."""
+        return self._evaluate(hits, np.ones_like(self._albedo), glow=False)
 
     def radiance(self, hits: Hits) -> Float64Array:
         """What leaves the diffuse world at hits on objects, (..., 3); 0 elsewhere."""
-        if not len(self._albedo):
-            return np.zeros((*hits.object.shape, 3))
-        known = (hits.object >= 0) & (hits.object < len(self.scene.objects))
-        glow = self._emission[np.where(known, hits.object, 0)] * known[..., None]
-        return np.asarray(glow + self.colours(hits, self._albedo) * self.irradiance(hits) / np.pi)
+        return self._evaluate(hits, self._albedo / np.pi, glow=True)
+
+    def diffuse(self, hits: Hits) -> Float64Array:
+        """The same with the diffuse terms of the materials alone, without what lobes reflect."""
+        return self._evaluate(hits, self._kd / np.pi, glow=True)
+
+    def below(self, hits: Hits) -> Float64Array:
+        """Irradiance (..., 3) on the other side of the rectangles that were hit."""
+        return self.irradiance(dataclasses.replace(hits, part=1 - hits.part))
 
 
 def surface_points(

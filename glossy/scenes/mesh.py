@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from .. import _check
 from ..frames import dot
+from .intersect import meets_box
 from .shapes import Mesh
 
 Float64Array = npt.NDArray[np.float64]
@@ -60,7 +61,7 @@ class TriangleMesh:
         self.face = np.cross(self.edge1, self.edge2)
         self.up = matrix[:, 1] / np.linalg.norm(matrix[:, 1])
 
-    @property
+    @functools.cached_property
     def bounds(self) -> Float64Array:
         """(2, 3) lowest and highest coordinates."""
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
@@ -80,15 +81,10 @@ class TriangleMesh:
         """Rays that meet the bounding box."""
         low, high = self.bounds
         pad = 1e-6 * float(np.max(np.abs([low, high])))
-        enter = np.zeros(len(origins))
-        leave = np.full(len(origins), np.inf)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            for i in range(3):
-                t0 = (low[i] - pad - origins[:, i]) / directions[:, i]
-                t1 = (high[i] + pad - origins[:, i]) / directions[:, i]
-                enter = np.fmax(enter, np.fmin(t0, t1))
-                leave = np.fmin(leave, np.fmax(t0, t1))
-        return np.flatnonzero(enter <= leave)
+        out = np.empty(len(origins), dtype=bool)
+        box = _check.frozen(np.stack([low - pad, high + pad]))
+        meets_box(_check.frozen(origins), _check.frozen(directions), box, out)
+        return np.flatnonzero(out)
 
     def closest(
         self, origins: Float64Array, directions: Float64Array, near: float

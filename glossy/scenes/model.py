@@ -77,6 +77,11 @@ class SceneObject:
             _power_of_two("capture_size", self.capture_size)
 
     @property
+    def translucent(self) -> bool:
+        """Whether diffuse light comes through."""
+        return bool(self.material.diffuse_below.any())
+
+    @property
     def glossy(self) -> bool:
         """Whether the object has lobes and therefore a cube map of its own."""
         return bool(self.material.lobes)

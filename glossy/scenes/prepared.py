@@ -20,6 +20,7 @@ import numpy.typing as npt
 from .. import _check, methods
 from .._jit import sources_of
 from ..cubemap import CubeMap
+from ..irradiance import irradiance_map
 from ..pyramid import build_pyramid
 from .bake import Progress, bake
 from .capture import Radiance, capture
@@ -28,7 +29,7 @@ from .lightmaps import LightMaps, layout
 from .model import ObjectScene
 from .shapes import Mesh, Rectangle
 
-FloatArray = npt.NDArray[np.floating]
+IRRADIANCE_SIZE = 16
 
 
 def cache_root() -> pathlib.Path:
@@ -81,6 +82,7 @@ class PreparedScene:
         self._cache, self._update = cache, update
         self._cubes: dict[int, CubeMap] = {}
         self._lookups: dict[tuple[int, str], Any] = {}
+        self._irradiance: dict[int, CubeMap] = {}
         start = time.perf_counter()
         self.sky = self._sky()
         placed = [(o.shape, o.transform) for o in scene.objects]
@@ -174,8 +176,17 @@ class PreparedScene:
         self._cubes[index] = cube
         for key in [k for k in self._lookups if k[0] == index]:
             del self._lookups[key]
+        self._irradiance.pop(index, None)
         self._book("capture", start)
         return cube
+
+    def irradiance(self, index: int, normals: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Irradiance (..., 3) that an object's cube map gives surfaces of these normals."""
+        if index not in self._irradiance:
+            start = time.perf_counter()
+            self._irradiance[index] = irradiance_map(self.cube_map(index), IRRADIANCE_SIZE)
+            self._book("irradiance", start)
+        return self._irradiance[index].lookup(normals)
 
     def lookup(self, index: int, method: str, **options: Any) -> Any:
         """What ``method`` looks up for an object: made of its cube map, a MIP pyramid mostly."""

@@ -23,6 +23,7 @@ from .bake import Progress
 from .geometry import Hits
 from .model import ObjectScene
 from .prepared import PreparedScene, prepare
+from .shapes import Rectangle
 
 FloatArray = npt.NDArray[np.floating]
 Float64Array = npt.NDArray[np.float64]
@@ -95,6 +96,26 @@ def _facing(normal: Float64Array, view: Float64Array) -> Float64Array:
     return np.asarray(out / np.linalg.norm(out, axis=-1, keepdims=True))
 
 
+def _diffuse(
+    prepared: PreparedScene, index: int, hits: Hits, points: SurfacePoints
+) -> Float64Array:
+    """Radiance (K, 3) of a glossy or translucent object without its lobes.
+
+    What comes through is lit by the rectangle's other side, or by the cube map from behind.
+    """
+    item = prepared.scene.objects[index]
+    value = prepared.maps.diffuse(hits)
+    glow = np.asarray(item.emission)
+    if item.translucent:
+        if isinstance(item.shape, Rectangle):
+            below = prepared.maps.below(hits)
+        else:
+            below = prepared.irradiance(index, -points.normal)
+        value += item.material.diffuse_below / np.pi * below
+    share = item.material.diffuse_share(points.local_view)
+    return value if share is None else glow + share * (value - glow)
+
+
 def view(prepared: PreparedScene, camera: Camera | None = None, grid: int | None = None) -> View:
     """What ``camera`` (the scene's by default) sees, with ``grid`` rays along a pixel's axes."""
     scene = prepared.scene
@@ -107,31 +128,33 @@ def view(prepared: PreparedScene, camera: Camera | None = None, grid: int | None
     base = np.zeros((len(rays), 3))
     found = np.full(len(rays), -1, dtype=np.int64)
     pieces: dict[int, list[tuple[npt.NDArray[np.intp], ...]]] = {}
-    kd = np.array([o.material.diffuse for o in scene.objects]).reshape(-1, 3)
     for start in range(0, len(rays), BAND):
         d = rays[start : start + BAND]
-        hits = prepared.geometry.intersect(eye, d)
+        hits = prepared.geometry.cast(np.broadcast_to(eye, d.shape), _check.frozen(d))
         value = prepared.world.of_hits(hits, d)
         if scene.background == "black":
             value[~hits.found] = 0.0
         for j, item in enumerate(scene.objects):
             on = np.flatnonzero(hits.object == j)
-            if not item.glossy or not len(on):
+            if not (item.glossy or item.translucent) or not len(on):
                 continue
             own = _picked(hits, on)
-            glow = np.asarray(item.emission)
-            diffuse = prepared.maps.colours(own, kd)
-            value[on] = glow + diffuse * prepared.maps.irradiance(own) / np.pi
             normal = _facing(own.normal, -d[on])
-            piece = (on + start, normal, own.tangent, -d[on], own.position)
-            pieces.setdefault(j, []).append(piece)  # type: ignore[arg-type]
+            points = SurfacePoints(normal, own.tangent, -d[on], position=own.position)
+            value[on] = _diffuse(prepared, j, own, points)
+            if item.glossy:
+                piece = (on + start, normal, own.tangent, -d[on], own.position)
+                pieces.setdefault(j, []).append(piece)  # type: ignore[arg-type]
         base[start : start + BAND] = value
         found[start : start + BAND] = hits.object
     parts = []
     for j, rows in sorted(pieces.items()):
         on, normal, tangent, away, position = (np.concatenate(a) for a in zip(*rows, strict=True))
         points = SurfacePoints(normal, tangent, away, position=position)
-        parts.append(Part(j, on, points, dataclasses.replace(scene.objects[j].material, kd=0.0)))
+        lobes = dataclasses.replace(
+            scene.objects[j].material, kd=0.0, diffuse_transmission=0.0, kd_falloff=False
+        )
+        parts.append(Part(j, on, points, lobes))
     shiny = np.array([o.glossy for o in scene.objects] + [False] * (len(scene.lights) + 1))
 
     def share(which: BoolArray) -> BoolArray:
