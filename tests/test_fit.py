@@ -6,11 +6,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import tolerances
-from measured_tables import synthetic_table
 
 import glossy
 from glossy.measured import fit_grid, fit_metrics, fit_polish, fit_rows, fit_space
 from glossy.measured.fit import Fit, fit_table
+from glossy.measured.synthetic import synthetic_table
 from glossy.measured.table import MeasuredTable
 
 FAST = {"grid": 5, "levels": 3, "rounds": 1}

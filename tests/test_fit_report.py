@@ -6,7 +6,6 @@ import pathlib
 import numpy as np
 import numpy.typing as npt
 import pytest
-from measured_tables import synthetic_table
 
 import glossy
 from glossy import cli
@@ -15,6 +14,7 @@ from glossy.materials import parse_material
 from glossy.measured.fit import Fit, fit_table
 from glossy.measured.fit_report import angle_lines, material_text
 from glossy.measured.solid_angle import solid_angles
+from glossy.measured.synthetic import synthetic_table
 from glossy.measured.table import MeasuredTable
 
 FROSTED = glossy.Material(

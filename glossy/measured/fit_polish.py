@@ -7,9 +7,10 @@ evaluated with the metric itself:
   omega = w, for l1 with the weights of iterative reweighting, omega = w / max(|difference|, eps)
   and a falling eps. A step solves the bounded linear least squares problem ::
 
-      min | R d - R^-T J^T omega r |,   R^T R = J^T omega J + lambda D                  (1)
+      min | R d - R^-T J^T omega r |,   R^T R = J^T omega J + lambda D^2                 (1)
 
-  of as many rows as there are parameters, so the table's length only costs sums over its rows;
+  (D^2 the diagonal of J^T omega J) of as many rows as there are parameters, so the table's
+  length only costs sums over its rows;
 * Nelder-Mead on the metric, which needs no derivatives where l1 has none;
 * on request differential evolution over the whole box before both, all candidates of a generation
   in one call.
@@ -156,17 +157,19 @@ def gauss_newton(objective: Objective) -> None:
         u, value, damping = space.encode(objective.best), objective.best_sum, 1e-3
         for _ in range(STEPS):
             gram, gradient = _step(objective, space.decode(u), max(soft * mean, 1e-12))
-            scale = np.maximum(np.diag(gram), 1e-12 * max(float(np.diag(gram).max()), 1e-300))
+            d = np.sqrt(np.maximum(np.diag(gram), 1e-20 * max(float(np.diag(gram).max()), 1e-280)))
+            unit, slope_u = gram / np.outer(d, d), gradient / d
             gained = 0.0
             while damping < 1e6:
-                r = linalg.cholesky(gram + damping * np.diag(scale))
-                b = linalg.solve_triangular(r, gradient, trans="T")
-                step = optimize.lsq_linear(r, b, (low - u - 1e-12, high - u + 1e-12)).x
+                r = linalg.cholesky(unit + damping * np.eye(len(d)))
+                b = linalg.solve_triangular(r, slope_u, trans="T")
+                box = ((low - u - 1e-12) * d, (high - u + 1e-12) * d)
+                step = optimize.lsq_linear(r, b, box).x / d
                 new = np.clip(u + step, low, high)
                 trial = objective(new)
                 if trial < value:
                     gained = (value - trial) / max(value, 1e-300)
-                    u, value, damping = new, trial, damping / 5.0
+                    u, value, damping = new, trial, max(damping / 5.0, 1e-9)
                     break
                 damping *= 6.0
             if gained < STILL:
