@@ -151,7 +151,7 @@ def real(folder: pathlib.Path, quick: bool) -> list[dict[str, Any]]:
                     table,
                     lobes,
                     model=model,
-                    grid=3 if quick else (7 if len(table) > 20_000 else 9),
+                    grid=3 if quick else (5 if len(table) > 20_000 else 9),
                     levels=1 if quick else 4,
                     rounds=1 if quick else 2,
                     polish="none" if quick else "local",

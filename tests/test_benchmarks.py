@@ -14,6 +14,7 @@ FOLDER = pathlib.Path(__file__).parent.parent / "benchmarks"
 SCRIPTS = sorted(p.stem for p in FOLDER.glob("bench_*.py"))
 HEADINGS = {
     "bench_compare": "compare over it",
+    "bench_fit": "over NumPy",
     "bench_latlong": "error of power",
     "bench_pyramid": "over a copy",
     "bench_reference": "mitsuba over glossy",

@@ -62,7 +62,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     group = parser.add_argument_group("search")
     group.add_argument("--grid", type=int, default=9, metavar="N", help="values on each axis (9)")
     group.add_argument("--levels", type=int, default=4, metavar="N", help="refinements (4)")
-    group.add_argument("--spacing", default="log", metavar="S", help="of mx, my: log, linear (log)")
+    group.add_argument(
+        "--spacing", default="log", metavar="S", help="of mx, my, ks: log, linear (log)"
+    )
     group.add_argument("--rounds", type=int, default=3, metavar="N", help="turns through lobes (3)")
     group.add_argument("--polish", default="local", metavar="P", help="none, local, global (local)")
     group.add_argument(

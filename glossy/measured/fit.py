@@ -152,7 +152,8 @@ def fit_table(
     grid, levels, rounds : int
         Values on each axis, refinements, turns through all lobes.
     spacing : str
-        "log" or "linear" (the thesis): in what the grid's values of mx and my are equidistant.
+        "log" or "linear" (the thesis): in what the grid's values are equidistant; see
+        ``fit_grid``.
     polish : str
         "none", "local", or "global" (differential evolution over the whole box as well).
     seed : int
