@@ -14,6 +14,7 @@ from ._version import __version__
 if TYPE_CHECKING:
     from .brdf import Lobe, Material
     from .camera import Camera, Plane, Sphere, surface_points
+    from .converge import Convergence, converge
     from .cubemap import CubeMap
     from .difference import difference_picture
     from .energy import Energy, energy
@@ -50,6 +51,8 @@ if TYPE_CHECKING:
     from .trace import trace
 
 _WHERE = {
+    "Convergence": "converge",
+    "converge": "converge",
     "BoundingPlanes": "planes",
     "Camera": "camera",
     "Comparison": "metrics",
@@ -108,6 +111,7 @@ __all__ = [
     "BoundingPlanes",
     "Camera",
     "Comparison",
+    "Convergence",
     "CubeMap",
     "Energy",
     "Image",
@@ -125,6 +129,7 @@ __all__ = [
     "bias",
     "build_pyramid",
     "compare",
+    "converge",
     "difference_picture",
     "energy",
     "environment",

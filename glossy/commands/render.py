@@ -15,6 +15,8 @@ examples:
   glossy render --env studio --material mx=.2,my=.075 --samples 30 --threshold 0.1 -o out.exr
   glossy render room -o room.png
   glossy render scene.toml --footprint jacobian --bias -0.5 --json -o out.exr
+  glossy render room --converge --time 30 -o room.exr
+  glossy render --material mx=.1 --converge --target-error 0.005 -o still.png
 """
 
 
@@ -34,6 +36,22 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     options.add_background_argument(parser)
     options.add_method_arguments(parser)
     options.add_exposure_argument(parser)
+    group = parser.add_argument_group(
+        "progressive refinement",
+        "The picture is written at once, then again after each pass as quasi-Monte Carlo samples "
+        "accumulate and replace it pixel by pixel. EXR files also hold estimate.R, G, B and its "
+        "standard error error.R, G, B.",
+    )
+    group.add_argument("--converge", action="store_true", help="refine until a limit is reached")
+    group.add_argument(
+        "--target-error",
+        type=float,
+        metavar="X",
+        help="relative RMS standard error to reach (default 0.01 if no limit is given)",
+    )
+    group.add_argument("--time", type=float, metavar="S", help="seconds not to exceed")
+    group.add_argument("--passes", type=int, metavar="N", help="passes; each doubles the samples")
+    group.add_argument("--seed", type=int, metavar="K", help="of the estimate (default 0)")
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help=".exr, .hdr or .png")
     options.add_json_argument(parser)
     parser.set_defaults(run=run)
@@ -44,6 +62,13 @@ def run(args: argparse.Namespace) -> int:
     from ..render import render_scene, write_picture
 
     options.check_output(args.output, (".exr", ".hdr", ".png"))
+    if args.converge:
+        from .converging import run_converging
+
+        return run_converging(args)
+    for name in ("target_error", "time", "passes", "seed"):
+        if getattr(args, name) is not None:
+            raise ValueError(f"--{name.replace('_', '-')}: has a meaning with --converge only")
     objects = options.object_scene_from(args)
     rendering: Rendering | ObjectRendering
     if objects is not None:

@@ -20,6 +20,7 @@ from ..brdf import Material
 from ..camera import Camera
 from ..frames import SurfacePoints, dot
 from .bake import Progress
+from .bounds import bounding_planes
 from .geometry import Hits
 from .model import ObjectScene
 from .prepared import PreparedScene, prepare
@@ -176,7 +177,8 @@ def shade_part(prepared: PreparedScene, part: Part) -> FloatArray:
     name, options = prepared.scene.method_of(prepared.scene.objects[part.index])
     preparation, own = split_options(name, options)
     lookup = prepared.lookup(part.index, name, **preparation)
-    return shade(part.points, part.material, lookup, method=name, **own)
+    planes = bounding_planes(prepared, part.index)
+    return shade(part.points, part.material, lookup, method=name, parallax=planes, **own)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -292,7 +294,8 @@ def reference_objects(
 ) -> ObjectTruth:
     """The ground truth of the same picture: the lobes integrated over the captured cube maps.
 
-    ``options`` are those of ``reference``, the others as for ``render_objects``.
+    ``options`` are those of ``reference``, the others as for ``render_objects``. With bounding
+    planes light depends on the place, and "qmc" stands for "texels".
 
     Raises
     ------
@@ -301,6 +304,9 @@ def reference_objects(
     """
     from ..reference import reference
 
+    scene_planes = (scene.scene if isinstance(scene, PreparedScene) else scene).planes
+    if scene_planes and estimator == "texels":
+        estimator = "qmc"
     start = time.perf_counter()
     prepared = scene if isinstance(scene, PreparedScene) else prepare(scene, True, update, progress)
     seen = view(prepared)
@@ -310,7 +316,13 @@ def reference_objects(
     for part in seen.parts:
         cube = prepared.cube_map(part.index)
         truth = reference(
-            part.points, part.material, cube, estimator=estimator, diffuse=False, **given
+            part.points,
+            part.material,
+            cube,
+            estimator=estimator,
+            diffuse=False,
+            parallax=bounding_planes(prepared, part.index),
+            **given,
         )
         lobes.append(truth.radiance)
         errors.append(truth.error)
