@@ -33,6 +33,7 @@ FOIL = glossy.Material(0.0, [glossy.Lobe(0.12, ks=0.8, r0=0.03), WHITE], THROUGH
 TABLE = glossy.Pattern(
     glossy.importance_pattern(WHITE, 5).half_vectors, cell=[0.01, 0.02, 0.03, 0.04, 0.05]
 )
+ROOM = glossy.BoundingPlanes.box([-1, -1, -1], [1, 1, 1], footprint="projected")
 
 CASES: dict[str, tuple[glossy.Material | glossy.Lobe, str, dict[str, Any]]] = {
     "paper": (WHITE, "regular", {}),
@@ -145,6 +146,21 @@ def test_the_page_s_shader_gives_the_picture_of_glossy_render(
     nothing = [np.zeros((256, 256, 3), dtype=np.float32)] * 3
     seen = opengl.draw(text, nothing, cube)[::-1]
     assert glossy.relative_rms(seen, glossy.read_image(picture).pixels) < SHADER
+
+
+@pytest.mark.parametrize("blend", [0.0, 0.5])
+def test_bounding_planes_turn_the_lookups(
+    blend: float, opengl: Any, points: glossy.SurfacePoints, pyramid: glossy.Pyramid
+) -> None:
+    """Positions that the shader computes from the normal, in a box that is not about the origin."""
+    room = glossy.BoundingPlanes.box([-1, -2, -1.5], [2, 1, 1], centre=[0.2, -0.3, 0], blend=blend)
+    position = 0.5 * points.normal + np.array([0.25, 0.125, -0.25])
+    placed = glossy.SurfacePoints(points.normal, points.tangent, points.view, position=position)
+    expected = glossy.shade(placed, FOIL, pyramid, parallax=room)
+    assert glossy.relative_rms(glossy.shade(points, FOIL, pyramid), expected) > 0.1
+    text = glossy.export_shader(FOIL, parallax=room)
+    call = "glossyRadiance(env, n, t, v, 0.5 * n + vec3(0.25, 0.125, -0.25))"
+    assert glossy.relative_rms(opengl.opengl(text, points, pyramid, call), expected) < SHADER
 
 
 def test_two_shaders_stand_side_by_side(
@@ -267,6 +283,8 @@ def test_the_text_is_tidy(language: str, method: str) -> None:
         ({"kernel": "plain"}, "kernel: is no option of method 'regular' as a shader"),
         ({"method": "importance", "threshold": 0.1}, "threshold: is no option of method"),
         ({"material": glossy.Material(0.5)}, "material: must have a glossy lobe with ks > 0"),
+        ({"parallax": ROOM}, "parallax: must have footprint 'thesis' as a shader"),
+        ({"parallax": glossy.BoundingPlanes([0, 0, 0], [])}, "parallax: must have planes"),
         ({"pattern": [TABLE, TABLE]}, "pattern: must be a Pattern or 1"),
         ({"pattern": glossy.Pattern([[0, 0, 1]]), "footprint": "jacobian"}, "pattern: must have a"),
         ({"material": glossy.Lobe(0.1, ks=1e39)}, "shader: must hold numbers of single precision"),

@@ -8,20 +8,34 @@ import math
 import pathlib
 import re
 import string
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import ModuleType
 from typing import Any
+
+import numpy as np
 
 from .. import _check
 from .._version import __version__
 from ..brdf import Lobe, Material
 from ..methods import METHODS
 from ..pattern import Pattern
+from ..planes import BoundingPlanes
 from ..shading import Patterns, patterns_of
 from . import importance, regular, thesis
 from .languages import LANGUAGES, Language
 from .tables import made_by, write
-from .template import FACE_SIZE, HELPERS, RADIANCE, Equation, Part, ShaderLobe
+from .template import (
+    BLENDED,
+    FACE_SIZE,
+    HELPERS,
+    NEAREST,
+    POSITION,
+    RADIANCE,
+    Equation,
+    Part,
+    ShaderLobe,
+    lines,
+)
 
 SHARED = ("estimator", "footprint", "normalisation", "bias")
 """Options of a method that are the same for every lobe and no part of its pattern."""
@@ -71,6 +85,7 @@ def export_shader(
     name: str = "glossy",
     path: str | pathlib.Path | None = None,
     pattern: Patterns = None,
+    parallax: BoundingPlanes | None = None,
     **options: Any,
 ) -> str:
     """Shader functions that compute what ``glossy.shade`` computes, with their constants.
@@ -86,6 +101,9 @@ def export_shader(
     path : str or Path, optional
         Where to write the text, whole or not at all.
     pattern : Pattern or one for each lobe, optional
+    parallax : BoundingPlanes, optional
+        As in ``glossy.shade``, with the footprint "thesis"; ``{name}Radiance`` then takes the
+        position too, world coordinates, as its last argument.
     **options
         The method's own, as in ``glossy.shade``; those of the emulated sampler and of the
         arithmetic have no meaning here.
@@ -117,6 +135,8 @@ def export_shader(
     lobes = _lobes(whole)
     if not lobes:
         raise _check.fail("material", "must have a glossy lobe with ks > 0", whole)
+    if parallax is not None and parallax.footprint != "thesis":
+        raise _check.fail("parallax", "must have footprint 'thesis' as a shader", parallax)
     made = [
         module.part(lobe, pattern=own, **options)
         for lobe, own in zip(lobes, patterns_of(pattern, len(lobes)), strict=True)
@@ -129,7 +149,7 @@ def export_shader(
         options=", ".join(f"{k} {v}" for k, v in {**known, **options}.items() if k in SHARED),
         equations=_equations([*EQUATIONS, *mirrored, *module.equations(**options), LEVEL]),
     )
-    text = "\n".join([*_comment(head), *_body(target, name, lobes, made)])
+    text = "\n".join([*_comment(head), *_body(target, name, lobes, made, parallax)])
     write(text, path)
     return text
 
@@ -151,10 +171,32 @@ def _comment(text: str) -> list[str]:
 
 
 def _body(
-    language: Language, name: str, lobes: list[ShaderLobe], made: list[tuple[Pattern, Part]]
+    language: Language,
+    name: str,
+    lobes: list[ShaderLobe],
+    made: list[tuple[Pattern, Part]],
+    planes: BoundingPlanes | None,
 ) -> list[str]:
     """Constants, helpers and functions, in the order in which they must be declared."""
     constants, functions, calls = [], [], []
+    last = "" if planes is None else ", position"
+    nearest: Sequence[str] = NEAREST
+    if planes is not None:
+        if not planes.planes:
+            raise _check.fail("parallax", "must have planes to become a shader", planes)
+        distances = np.sum(planes.points * planes.normals, axis=1)
+        constants = [
+            "",
+            "// Bounding planes: unit normal n, p.n; where the cube map was taken.",
+            language.declare(f"{name.upper()}_PLANE_COUNT", len(distances)),
+            language.declare(
+                f"{name.upper()}_PLANES", np.column_stack([planes.normals, distances])
+            ),
+            language.declare(f"{name.upper()}_CENTRE", np.array(planes.centre)),
+        ]
+        if planes.width:
+            constants.append(language.declare(f"{name.upper()}_BLEND", planes.width))
+            nearest = BLENDED
     for index, (lobe, (pattern, part)) in enumerate(zip(lobes, made, strict=True), start=1):
         prefix = f"{name.upper()}{index}"
         side = "transmission" if lobe.side < 0.0 else "reflection"
@@ -166,15 +208,16 @@ def _body(
             beside = f"{line}  // {meaning}"
             above = "\n" in line or len(beside) > 100
             constants.append(f"// {meaning}\n{line}" if above else beside)
-        text = string.Template(part.function(lobe.side))
+        text = string.Template(part.function(lobe.side, planes is not None))
         functions.append(f"{title}\n{text.substitute(name=name, index=index, C=prefix)}")
-        calls.append(f"{name}Lobe{index}(env, envSampler, normal, tangent, bitangent, wo)")
+        calls.append(f"{name}Lobe{index}(env, envSampler, normal, tangent, bitangent, wo{last})")
     code = "\n".join(functions)
     helpers = [text for key, text in HELPERS.items() if f"{name}{key}(" in code]
     sum_ = "\n        + ".join(calls)
-    wgsl = "\n".join(
-        [FACE_SIZE, *helpers, code, string.Template(RADIANCE).safe_substitute(sum=sum_)]
-    )
+    position = POSITION if planes is not None else ""
+    radiance = string.Template(RADIANCE).safe_substitute(sum=sum_, position=position)
+    wgsl = "\n".join([FACE_SIZE, *helpers, code, radiance])
+    wgsl = string.Template(wgsl).safe_substitute(nearest=lines(nearest, 3))
     named = string.Template(wgsl).safe_substitute(name=name, C=name.upper())
     final = string.Template(language.translate(named)).substitute(size=language.size)
     if "LobeArea(" in code:

@@ -24,7 +24,7 @@ Equation = tuple[str, str, str]
 LOBE = """\
 fn ${name}Lobe${index}(
     env: texture_cube<f32>, envSampler: sampler,
-    normal: vec3<f32>, tangent: vec3<f32>, bitangent: vec3<f32>, wo: vec3<f32>
+    normal: vec3<f32>, tangent: vec3<f32>, bitangent: vec3<f32>, wo: vec3<f32>${position}
 ) -> vec3<f32> {
 ${before}
     for (var k: i32 = 0; k < ${C}_SIZE; k++) {
@@ -34,7 +34,7 @@ ${before}
         if (cosH <= 0.0 || wi.z <= 0.0) {
             continue;  // below the horizon: ${horizon}
         }
-        let direction: vec3<f32> = ${world};
+${direction}
         let d: f32 = 1.0 / max(abs(direction.x), max(abs(direction.y), abs(direction.z)));
 ${tap}
     }
@@ -42,11 +42,13 @@ ${after}
 }
 """
 
+POSITION = ",\n    position: vec3<f32>"
+
 RADIANCE = """\
 // Radiance towards the viewer from the glossy lobes.
 fn ${name}Radiance(
     env: texture_cube<f32>, envSampler: sampler,
-    normal: vec3<f32>, tangent: vec3<f32>, view: vec3<f32>
+    normal: vec3<f32>, tangent: vec3<f32>, view: vec3<f32>${position}
 ) -> vec3<f32> {
     let bitangent: vec3<f32> = cross(normal, tangent);
     let wo: vec3<f32> = vec3<f32>(dot(view, tangent), dot(view, bitangent), dot(view, normal));
@@ -102,7 +104,34 @@ fn ${name}FresnelRest(r0: vec3<f32>, wi: vec3<f32>, wo: vec3<f32>, cosH: f32) ->
 }
 """
 
-HELPERS = {"LobeArea": LOBE_AREA, "Fresnel": FRESNEL, "FresnelRest": FRESNEL_REST}
+REDIRECT = """\
+// A ray w from the surface point x as it is looked up from the centre c of the cube map: it meets
+// the bounding plane through p with normal n at the distance 1 / q (thesis section 4.4.1),
+//     q = max(0, (w.n) / ((p - x).n) of every plane),  w' = w + q (x - c)
+fn ${name}Redirect(ray: vec3<f32>, position: vec3<f32>) -> vec3<f32> {
+    var q: f32 = 0.0;
+    for (var i: i32 = 0; i < ${C}_PLANE_COUNT; i++) {
+        let away: f32 = ${C}_PLANES[i].w - dot(position, ${C}_PLANES[i].xyz);
+        if (away != 0.0) {
+            let met: f32 = dot(ray, ${C}_PLANES[i].xyz) * clamp(1.0 / away, -1e12, 1e12);
+${nearest}
+        }
+    }
+    return normalize(ray + q * (position - ${C}_CENTRE));
+}
+"""
+NEAREST = ("q = max(q, met);",)
+BLENDED = (
+    "let near: f32 = max(${C}_BLEND - abs(met - q), 0.0);  // max with a smooth transition",
+    "q = max(q, met) + near * near / (4.0 * ${C}_BLEND);",
+)
+
+HELPERS = {
+    "LobeArea": LOBE_AREA,
+    "Fresnel": FRESNEL,
+    "FresnelRest": FRESNEL_REST,
+    "Redirect": REDIRECT,
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -161,17 +190,25 @@ class Part:
     tap: Sequence[str]
     after: Sequence[str]
 
-    def function(self, side: float) -> str:
+    def function(self, side: float, parallax: bool) -> str:
         """The lobe's function, its names still open."""
-        sign = "-" if side < 0.0 else "+"
+        world = f"tangent * wi.x + bitangent * wi.y {'-' if side < 0.0 else '+'} normal * wi.z"
+        direction = [f"let direction: vec3<f32> = {world};"]
+        if parallax:
+            direction = [
+                f"let ray: vec3<f32> = {world};",
+                "let direction: vec3<f32> = ${name}Redirect(ray, position);",
+            ]
         return string.Template(LOBE).safe_substitute(
             horizon=self.horizon,
-            world=f"tangent * wi.x + bitangent * wi.y {sign} normal * wi.z",
-            before=_lines(self.before, 1),
-            tap=_lines(self.tap, 2),
-            after=_lines(self.after, 1),
+            direction=lines(direction, 2),
+            position=POSITION if parallax else "",
+            before=lines(self.before, 1),
+            tap=lines(self.tap, 2),
+            after=lines(self.after, 1),
         )
 
 
-def _lines(items: Sequence[str], depth: int) -> str:
+def lines(items: Sequence[str], depth: int) -> str:
+    """Lines of code, indented ``depth`` times."""
     return "\n".join("    " * depth + item for item in items)
