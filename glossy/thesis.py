@@ -178,6 +178,33 @@ def thesis_table(
     return MeanTable(**fields, estimator=ESTIMATORS.index(estimator))
 
 
+def _by_channel(table: MeanTable) -> MeanTable:
+    """The table with each lobe of coloured r0 as three, black but for one channel.
+
+    ``thesis_tiles`` keeps one weight for all channels.
+    """
+    sources, masks = [], []
+    for j, r0 in enumerate(table.r0):
+        coloured = bool(np.any(r0 != r0[0]))
+        sources += [j] * (3 if coloured else 1)
+        masks += [*np.eye(3)] if coloured else [np.ones(3)]
+    if len(sources) == len(table.r0):
+        return table
+    dtype, pick, mask = table.r0.dtype, np.array(sources), np.array(masks)
+    counts = np.diff(table.first)[pick]
+    r0 = np.array([r0[int(np.argmax(m))] for r0, m in zip(table.r0[pick], mask, strict=True)])
+    arrays: dict[str, Any] = {
+        "taps": np.concatenate([table.taps[table.first[j] : table.first[j + 1]] for j in pick]),
+        "first": np.concatenate([[0], np.cumsum(counts)]),
+        "borders": table.borders[pick],
+        "lobes": table.lobes[pick],
+        "ks": (table.ks[pick] * mask).astype(dtype),
+        "r0": np.repeat(r0[:, None], 3, axis=1),
+    }
+    frozen: dict[str, Any] = {k: _check.frozen(a) for k, a in arrays.items()}
+    return dataclasses.replace(table, **frozen)
+
+
 def thesis(
     points: SurfacePoints,
     material: Material,
@@ -207,8 +234,7 @@ def thesis(
     footprint : "thesis", "paper" or "jacobian"
         Texels per sample, eqs. (3)-(5) of ``footprint``.
     bias, pattern, subtexel_bits, kernel, precision
-        As for ``regular``. Any pattern will do: the density is that of the lobe. The vectorised
-        loop also asks for an r0 without colour.
+        As for ``regular``. Any pattern will do: the density is that of the lobe.
 
     Returns
     -------
@@ -234,15 +260,18 @@ def thesis(
         pattern=pattern,
         subtexel_bits=subtexel_bits,
     ).cast(dtype)
-    grey = bool(np.all(table.r0 == table.r0[:, :1]))
-    tiled = _check.choice("kernel", kernel, KERNELS) == "auto" and grey
+    tiled = _check.choice("kernel", kernel, KERNELS) == "auto" and tiles.fits(
+        pyramid, dtype, table.steps
+    )
+    if tiled:
+        table = _by_channel(table)
     buffer, chain, stride = pyramid.kernel_arguments
     out: npt.NDArray[Any] = np.zeros((points.coverage.size, 3), dtype=dtype)
     shared = (
         table.taps, table.first, table.borders, table.lobes, table.ks, table.r0, table.footprint,
         table.estimator, table.bias,
     )  # fmt: skip
-    if tiled and tiles.fits(pyramid, dtype, table.steps):
+    if tiled:
         seen, packed = points.packed
         log_size = np.int32(pyramid.size.bit_length() - 1)
         shade_mean_tiles(seen, packed, *shared, dtype(math.pi), buffer, log_size, out)

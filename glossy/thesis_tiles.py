@@ -1,7 +1,8 @@
 """The pixel loop of ``thesis`` again, laid out for vector units as ``tiles`` describes.
 
-A tile keeps one sum of weights for each pixel, so that r0 has to be the same in all channels; F is
-then part of a sample's weight and one sum of lookups serves::
+A tile keeps one sum of weights for each pixel, so that r0 has to be the same in all channels (a
+lobe of coloured r0 comes as three lobes of one channel); F is then part of a sample's weight and
+one sum of lookups serves::
 
     L = sum (w X / L_mip) L_mip / sum w,   w, X: eqs. (4) and (5) of ``thesis``
 """
