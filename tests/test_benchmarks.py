@@ -13,6 +13,7 @@ import pytest
 FOLDER = pathlib.Path(__file__).parent.parent / "benchmarks"
 SCRIPTS = sorted(p.stem for p in FOLDER.glob("bench_*.py"))
 HEADINGS = {
+    "bench_baselines": "relative RMS error",
     "bench_compare": "compare over it",
     "bench_fit": "over NumPy",
     "bench_latlong": "error of power",
