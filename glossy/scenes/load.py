@@ -1,6 +1,7 @@
 """The scene file of a scene of objects: TOML tables to ``model``, with errors by dotted key."""
 
 import dataclasses
+import glob
 import os
 import pathlib
 from collections.abc import Callable, Mapping, Sequence
@@ -161,13 +162,14 @@ def _environment(
     table = _table("environment", value)
     scale = _check.rgb("environment.scale", table.pop("scale", 1.0))
     source = table.get("source")
-    if isinstance(source, str) and (folder / source).exists():
+    if isinstance(source, str) and ("*" in source or (folder / source).exists()):
         table["source"] = str(folder / source)
     _known("environment", table, [*_fields(EnvironmentSource), "scale"])
     found = _inside("environment", lambda: EnvironmentSource(**table))
     from ..environment import BUILTIN
 
-    if found.source not in BUILTIN and not os.path.exists(found.source):
+    there = glob.glob(found.source) if "*" in found.source else os.path.exists(found.source)
+    if found.source not in BUILTIN and not there:
         rule = f"no such file, and no built-in map ({', '.join(BUILTIN)})"
         raise FileNotFoundError(f"environment.source: {rule}: {found.source!r}")
     return found, tuple(scale.tolist())

@@ -56,7 +56,7 @@ def _store(path: pathlib.Path, arrays: dict[str, npt.NDArray[Any]]) -> None:
 def _load(path: pathlib.Path) -> dict[str, npt.NDArray[Any]] | None:
     """The arrays of a stored file, None if it is not there or damaged."""
     try:
-        with np.load(path) as data:
+        with path.open("rb") as stream, np.load(stream) as data:
             return {name: data[name] for name in data.files}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
