@@ -88,11 +88,11 @@ def recovery(seeds: int, quick: bool) -> list[dict[str, Any]]:
 def published(quick: bool) -> list[dict[str, Any]]:
     """Every published fit as a generator, clean and with 10 % noise, and what comes back."""
     import glossy
-    from glossy.materials import published_material
+    from glossy.materials import PUBLISHED, published_material
     from glossy.measured.synthetic import synthetic_table
 
     rows = []
-    for name in glossy.material_names():
+    for name in PUBLISHED:
         entry = published_material(name)
         phi = (0.0, 45.0, 90.0) if len(entry.phi) > 1 else (0.0, 90.0)
         grid: dict[str, Any] = {"rows": 30, "columns": 60}

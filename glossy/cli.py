@@ -22,6 +22,7 @@ COMMANDS = (
     "pattern",
     "environment",
     "fit",
+    "material",
     "stability",
 )
 BAD_INPUT = 2

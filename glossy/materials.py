@@ -1,6 +1,7 @@
 """Materials by name, from a file, or from a line of text.
 
-The names are the published fits of three measured surfaces, thesis Tables 3.1-3.3. The albedos of
+The names are the published fits of three measured surfaces, thesis Tables 3.1-3.3, and the
+materials of our choice (``chosen``); ``describe`` says which is which. The albedos of
 those tables stand beside what their printed parameters give: the directional-hemispherical
 reflectivity (thesis eq. 2.7) and transmissivity (2.8), averaged plainly over the measured incident
 directions. Rounding of the printed parameters alone moves the average by 0.011 to 0.017.
@@ -21,6 +22,7 @@ import numpy as np
 
 from . import _check
 from .brdf import Lobe, Material
+from .chosen import CHOSEN
 from .frames import spherical
 
 LOBE_KEYS = tuple(f.name for f in dataclasses.fields(Lobe))
@@ -110,8 +112,8 @@ PUBLISHED = {
 
 
 def material_names() -> list[str]:
-    """Names that ``material`` knows, in the order of the published tables."""
-    return list(PUBLISHED)
+    """Names that ``material`` knows: the published tables in their order, then our choices."""
+    return [*PUBLISHED, *CHOSEN]
 
 
 def published_material(name: str) -> PublishedMaterial:
@@ -126,14 +128,30 @@ def published_material(name: str) -> PublishedMaterial:
 
 
 def material(name: str) -> Material:
-    """A published fit by name, as ``material_names`` lists them.
+    """A material by name, as ``material_names`` lists them.
 
     Raises
     ------
     ValueError
         If the name is unknown; the message lists the names.
     """
-    return published_material(name).material
+    _check.choice("material", name, material_names())
+    return PUBLISHED[name].material if name in PUBLISHED else CHOSEN[name].material
+
+
+def describe(name: str) -> tuple[str, str]:
+    """Where a named material comes from, "published" or "chosen by us", and its source or reason.
+
+    Raises
+    ------
+    ValueError
+        If the name is unknown; the message lists the names.
+    """
+    _check.choice("material", name, material_names())
+    if name in PUBLISHED:
+        entry = PUBLISHED[name]
+        return "published", " ".join(f"{entry.source}: {entry.surface}. {entry.note}".split())
+    return "chosen by us", CHOSEN[name].reason
 
 
 def parse_material(text: str | pathlib.Path) -> Material:
@@ -158,8 +176,9 @@ def parse_material(text: str | pathlib.Path) -> Material:
         return _from_file(path)
     if "=" in str(text):
         return _from_line(str(text))
-    if str(text) not in PUBLISHED:
-        rule = f"must be a .toml or .json file, key=value,... or one of {', '.join(PUBLISHED)}"
+    if str(text) not in material_names():
+        names = ", ".join(material_names())
+        rule = f"must be a .toml or .json file, key=value,... or one of {names}"
         raise _check.fail("material", rule, str(text))
     return material(str(text))
 

@@ -4,14 +4,18 @@ import json
 import pathlib
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 import glossy
 from glossy.brdf import Lobe, Material
+from glossy.chosen import CHOSEN
+from glossy.cli import main
 from glossy.materials import (
     PUBLISHED,
+    describe,
     material_from_dict,
     material_to_dict,
     parse_material,
@@ -45,11 +49,11 @@ def test_published_and_recomputed_agree_but_for_the_misprint(name: str) -> None:
 def test_names() -> None:
     names = glossy.material_names()
     assert names[0] == "alanod-2000gs"
-    assert len(set(names)) == len(names) == 7
+    assert len(set(names)) == len(names) == 18
     assert glossy.material("miro-5").reflection == (Lobe(0.0068, 0.0297, 0.98, 0.84, 0.49),)
     foil = glossy.material("white-foil")
     assert (foil.kd, len(foil.reflection), len(foil.transmission)) == (0.76, 1, 1)
-    with pytest.raises(ValueError, match=r"alanod-2000gs, .*miro-5-two-lobes, got 'gold'"):
+    with pytest.raises(ValueError, match=r"alanod-2000gs, .*miro-5-two-lobes, .*got 'gold'"):
         glossy.material("gold")
 
 
@@ -162,3 +166,59 @@ LOBES = st.lists(st.builds(Lobe, WIDTHS, WIDTHS, COLOURS, COLOURS, st.floats(0.0
 @given(st.builds(Material, COLOURS, LOBES, LOBES))
 def test_materials_survive_json(value: Any) -> None:
     assert material_from_dict(json.loads(json.dumps(material_to_dict(value)))) == value
+
+
+# --- the library ----------------------------------------------------------------------------------
+
+
+def test_every_material_says_where_it_comes_from() -> None:
+    names = glossy.material_names()
+    assert names[: len(PUBLISHED)] == list(PUBLISHED)
+    origins = {name: describe(name) for name in names}
+    assert {o for o, _ in origins.values()} == {"published", "chosen by us"}
+    assert all(len(source) > 20 for _, source in origins.values())
+    assert origins["white-foil"][0] == "published"
+    for name in (
+        "chrome", "lacquer", "plastic", "porcelain", "frosted-glass", "glass", "varnish",
+        "polished-floor", "rubber", "leather", "car-paint",
+    ):  # fmt: skip
+        assert origins[name][0] == "chosen by us"
+    with pytest.raises(ValueError, match="material: must be one of alanod"):
+        describe("jelly")
+
+
+@pytest.mark.parametrize("name", list(CHOSEN))
+def test_what_we_chose_sends_out_no_more_than_it_receives(name: str) -> None:
+    """Up to 89 degrees; alpha > 0 diverges at the horizon, which is reported."""
+    angles = np.array([0.0, 30.0, 60.0, 80.0, 89.0])
+    found = glossy.energy(glossy.material(name), angles)
+    assert found.conserved, found.worst
+    assert found.largest > 0.05
+
+
+def test_published_fits_with_excess_are_reported() -> None:
+    """kd of the foil with its transmission, and alpha = 0.6: as printed."""
+    found = glossy.energy(glossy.material("white-foil"))
+    assert not found.conserved
+    assert found.exceeds_from == 65.0
+    assert glossy.energy(glossy.material("alanod-2000gs"), [0.0, 85.0]).conserved
+
+
+def test_the_command_prints_parameters_origin_and_energy(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["material", "frosted-glass"]) == 0
+    said = capsys.readouterr().out
+    assert "origin: chosen by us" in said
+    assert "transmission 0: mx 0.25" in said
+    assert "sends out no more than it receives" in said
+    assert main(["material", "white-foil", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["schema"] == 1
+    assert found["origin"] == "published"
+    assert found["energy"]["exceeds_from"] == 65.0
+    assert main(["material"]) == 0
+    assert "car-paint: chosen by us" in capsys.readouterr().out
+    assert main(["material", "jelly"]) == 2
+    assert main(["material", "kd=.9,mx=.1"]) == 0
+    assert "sends out more than it receives from 0 degrees" in capsys.readouterr().out
