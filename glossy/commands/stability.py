@@ -20,7 +20,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "stability",
         help="measure the hard cases: grazing views, thin lobes, extreme radiance",
         description="Run the catalogue of hard cases in single, double and extended precision and "
-        "say what is guaranteed, what was measured and what does not hold. Takes about a minute.",
+        "say what is guaranteed, what was measured and what does not hold. Takes a minute or two.",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
