@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from .reference import Truth, reference, reference_passes
     from .scene import load_scene
     from .shading import shade
+    from .taps import tap_level, tap_width
     from .splitsum.chain import split_sum_chain
     from .thesis_pattern import thesis_pattern
     from .trace import trace
@@ -101,6 +102,8 @@ _WHERE = {
     "shade": "shading",
     "split_sum_chain": "splitsum.chain",
     "surface_points": "camera",
+    "tap_level": "taps",
+    "tap_width": "taps",
     "thesis_pattern": "thesis_pattern",
     "trace": "trace",
     "write_exr": "image",
@@ -159,6 +162,8 @@ __all__ = [
     "shade",
     "split_sum_chain",
     "surface_points",
+    "tap_level",
+    "tap_width",
     "thesis_pattern",
     "trace",
     "write_exr",
