@@ -46,8 +46,8 @@ if TYPE_CHECKING:
     from .reference import Truth, reference, reference_passes
     from .scene import load_scene
     from .shading import shade
-    from .taps import tap_level, tap_width
     from .splitsum.chain import split_sum_chain
+    from .taps import tap_level, tap_width
     from .thesis_pattern import thesis_pattern
     from .trace import trace
 
