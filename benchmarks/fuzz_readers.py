@@ -14,6 +14,7 @@ import os
 import pathlib
 import random
 import resource
+import runpy
 import signal
 import sys
 import tempfile
@@ -24,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from glossy import SurfacePoints, read_environment
+from glossy import SurfacePoints, read_environment, read_measured
 from glossy.gbuffer import read_gbuffer, write_gbuffer
 from glossy.image import read_planes
 from glossy.image_write import write_exr, write_image
@@ -102,6 +103,13 @@ def seeds(folder: pathlib.Path) -> list[tuple[Reader, pathlib.Path]]:
     ):
         (folder / name).write_bytes(text)
         found.append((reader, folder / name))
+    # MERL files have one length and no structure to damage: their reader is left to the tests
+    made = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "tests" / "measured_files.py"))
+    for name, kind in (("m.bsdf", "rgl"), ("m.brdf", "cornell"), ("m.xml", "klems")):
+        made[f"write_{kind}"](folder / name)
+        found.append((read_measured, folder / name))
+    read_measured(folder / "m.brdf").write(folder / "m.txt")
+    found.append((read_measured, folder / "m.txt"))
     return found
 
 

@@ -100,7 +100,7 @@ def test_linear_on_a_grid_is_the_quadrilinear_interpolation() -> None:
     for w in (wi, wo):
         queries += [np.arccos(w[:, 2]), np.arctan2(w[:, 1], w[:, 0]) % (2.0 * np.pi)]
     expected = reference(np.stack(queries, axis=1))
-    found = TableFunction(table, "linear", symmetry="none")(wi, wo)[:, 0]
+    found = TableFunction(table, "linear", "f", "none")(wi, wo)[:, 0]
     np.testing.assert_allclose(found, expected, atol=ANGLES)
 
 
@@ -118,7 +118,7 @@ def test_rows_are_met_and_a_constant_stays_one(interpolation: str, scattered: bo
     np.testing.assert_allclose(found, table.f[rows], atol=ANGLES)
     flat = glossy.MeasuredTable(table.wi, table.wo, np.full((len(table), 1), 0.25), isotropic=True)
     wi, wo = pairs(2000, 4, lowest=0.0)
-    np.testing.assert_allclose(TableFunction(flat, interpolation)(wi, wo), 0.25, rtol=ROUNDOFF)
+    np.testing.assert_allclose(TableFunction(flat, interpolation, "f")(wi, wo), 0.25, rtol=ROUNDOFF)
 
 
 def test_half_vector_alignment_moves_the_lobe_and_blending_does_not() -> None:
@@ -135,7 +135,7 @@ def test_half_vector_alignment_moves_the_lobe_and_blending_does_not() -> None:
     table = grid_table(Peak(), np.array([20.0, 45.0]), np.zeros(1), np.arange(0.0, 90.0, 2.0),
                        np.arange(0.0, 360.0, 4.0), isotropic=True)  # fmt: skip
     error = {
-        name: np.abs(TableFunction(table, name)(wi, wo)[:, 0] - truth).max()
+        name: np.abs(TableFunction(table, name, "f")(wi, wo)[:, 0] - truth).max()
         for name in ("linear", "half-vector")
     }
     assert error["half-vector"] < 0.02  # the grid of 2 by 4 degrees, on a peak of 1
@@ -177,13 +177,29 @@ def test_sides_of_the_surface(tmp_path: pathlib.Path) -> None:
     assert not front(wi * [1, 1, -1], below).any()
 
 
-def test_p_and_f_agree_on_the_rows_and_differ_between() -> None:
+def test_quantities_agree_on_the_rows_and_differ_between() -> None:
     table = grid_table(ISOTROPIC, T_I, np.zeros(1), T_O, P_O, isotropic=True)
     rows = (table.wi[:, 2] < 0.99) & (table.wo[:, 2] > 0.1)
-    p = TableFunction(table, quantity="p")
-    np.testing.assert_allclose(p(table.wi[rows], table.wo[rows]), table.f[rows], atol=1e-3)
     wi, wo = pairs(100, 7)
-    assert np.abs(p(wi, wo) - TableFunction(table)(wi, wo)).max() > 1e-3
+    between = []
+    for quantity in ("f", "p", "root"):
+        function = TableFunction(table, quantity=quantity)
+        found = function(table.wi[rows], table.wo[rows])
+        np.testing.assert_allclose(found, table.f[rows], atol=1e-3)
+        between.append(function(wi, wo))
+    assert min(np.abs(between[a] - between[b]).max() for a, b in ((0, 1), (1, 2), (2, 0))) > 1e-3
+
+
+def test_beyond_the_measured_angles_the_value_stays() -> None:
+    t_i, t_o = np.array([0.0, 40.0]), np.arange(0.0, 71.0, 10.0)
+    table = grid_table(ISOTROPIC, t_i, np.zeros(1), t_o, P_O, isotropic=True)
+    last, grazing = spherical(np.radians([[40.0], [89.9]]), np.zeros(1))
+    low, lower = spherical(np.radians([[70.0], [89.99]]), np.full(1, 2.0))
+    for quantity in ("f", "p", "root"):
+        function = TableFunction(table, "linear", quantity)
+        expected = function(last, low)
+        np.testing.assert_allclose(function(grazing, low), expected, rtol=1e-6)
+        np.testing.assert_allclose(function(last, lower), expected, rtol=1e-6)
 
 
 def test_directions_measured_twice_are_averaged() -> None:

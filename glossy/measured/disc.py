@@ -61,33 +61,38 @@ def from_disc(xy: Float64Array) -> Float64Array:
     return np.concatenate([xy * np.sqrt(1.0 - 0.25 * r2), 1.0 - 0.5 * r2], axis=-1)
 
 
-def build_disc(wo: Float64Array, values: Float64Array) -> Disc:
-    """Triangulate directions (K, 3) above the surface; those measured twice are averaged."""
+def build_disc(wo: Float64Array, values: Float64Array, closed: bool = False) -> Disc:
+    """Triangulate directions (K, 3) above the surface; those measured twice are averaged.
+
+    A ``closed`` disc has its ring of further points on the rim itself, with value 0, and is never
+    a grid: its triangles are all there is of the function.
+    """
     xy = to_disc(wo)
     _, first, label = np.unique(np.round(xy / SAME), axis=0, return_index=True, return_inverse=True)
     label = label.reshape(-1)
     count = np.bincount(label)[:, None]
     mean = np.stack([np.bincount(label, column) for column in values.T], axis=1) / count
     xy, w = xy[first], wo[first]
-    theta, phi, order = _grid(w)
+    theta, phi, order = (np.empty(0),) * 3 if closed else _grid(w)
     if len(theta):
         xy, mean = xy[order], mean[order]
-    points, nearest, triangles, neighbours, seeds = _mesh(xy.tobytes())
-    values = np.concatenate([mean, mean[nearest]])
+    points, nearest, triangles, neighbours, seeds = _mesh(xy.tobytes(), closed)
+    rim = np.zeros((RING, mean.shape[1])) if closed else mean[nearest]
+    values = np.concatenate([mean, rim])
     return Disc(points, values, triangles, neighbours, seeds, theta, phi)
 
 
 @functools.lru_cache(maxsize=8)
-def _mesh(data: bytes) -> tuple[Any, ...]:
+def _mesh(data: bytes, closed: bool) -> tuple[Any, ...]:
     """Points with the rim, what the rim copies, triangles, neighbours and seeds.
 
     The same for every incident direction that shares its outgoing ones, hence kept.
     """
     xy = np.frombuffer(data).reshape(-1, 2)
     angle = 2.0 * np.pi * np.arange(RING) / RING
-    rim = RIM * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    nearest = cKDTree(xy).query(rim * (np.sqrt(2.0) / RIM))[1]
-    points = np.concatenate([xy, rim])
+    rim = np.sqrt(2.0) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    nearest = cKDTree(xy).query(rim)[1]
+    points = np.concatenate([xy, rim if closed else rim * (RIM / np.sqrt(2.0))])
     mesh = Delaunay(points)
     grid = np.sqrt(2.0) * ((np.arange(SEEDS) + 0.5) * 2.0 / SEEDS - 1.0)
     seeds = mesh.find_simplex(np.stack(np.meshgrid(grid, grid, indexing="ij"), axis=-1))

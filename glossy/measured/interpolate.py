@@ -9,8 +9,14 @@ the last ring the ring itself is used. With g_j the function measured for neighb
 
 (1) blends lobes that stay where they were measured; (2) moves each to where the query's mirror
 direction is. Neighbours whose moved direction falls below the surface are left out, the weights of
-the others raised. g is the BSDF f, or the transfer density p = f |cos theta_o| of which f is then
-the quotient. Between outgoing directions see `disc`.
+the others raised. g is one of ::
+
+    f           p = f |cos theta_o|           root = f sqrt(|cos theta_i cos theta_o|)      (3)
+
+of which f is then the quotient. The thesis interpolates p. For a lobe that is moved, the root keeps
+its height best (a microfacet lobe with masking varies as the root's divisor), and it is the
+default; f suits what is diffuse. Beyond the measured polar angles the divisors stay as they are
+there, so f does too. Between outgoing directions see `disc`.
 
 Light from below, and light that passes, is turned to the upper hemisphere: each of the four
 combinations of sides is a block of its own, and in (2) a passing direction counts as its mirror
@@ -40,7 +46,7 @@ Four = tuple[int, int, int, int]
 FourWeights = tuple[float, float, float, float]
 
 INTERPOLATIONS = ("linear", "half-vector")
-QUANTITIES = ("f", "p")
+QUANTITIES = ("root", "p", "f")
 SYMMETRIES = ("none", "mirror", "quadrant", "isotropic")
 RING_WIDTH = np.radians(0.1)  # polar angles closer than this are one ring
 LOWEST = 1e-6  # cosine below which p does not tell f
@@ -51,7 +57,8 @@ class Block:
     """What was measured on one combination of sides, all in the upper hemisphere.
 
     ``theta`` (R,) of the rings, ``first`` (R + 1,) index of a ring's first incident direction,
-    ``phi`` (J,), and one disc for each incident direction.
+    ``phi`` (J,), and one disc for each incident direction. ``lowest``: cosines of the incident and
+    the outgoing direction nearest to the horizon.
     """
 
     theta: Float64Array
@@ -59,6 +66,7 @@ class Block:
     phi: Float64Array
     discs: tuple[Disc, ...]
     symmetry: int
+    lowest: tuple[float, float]
 
     def arguments(self) -> tuple[Any, ...]:
         """Flat arrays for the kernels."""
@@ -116,14 +124,29 @@ def guess_symmetry(table: MeasuredTable) -> str:
     return "mirror" if top < np.pi + 1e-3 else "none"
 
 
+def _factor(
+    quantity: str, wi: Float64Array, wo: Float64Array, lowest: tuple[float, float]
+) -> Float64Array:
+    """What f is multiplied by before it is interpolated, (K, 1), eq. (3)."""
+    i, o = (np.maximum(w[:, 2:], c) for w, c in zip((wi, wo), lowest, strict=True))
+    if quantity == "f":
+        return np.ones_like(o)
+    return o if quantity == "p" else np.sqrt(i * o)
+
+
 def build_blocks(
-    table: MeasuredTable, quantity: str = "f", symmetry: str | None = None
+    table: MeasuredTable,
+    quantity: str = "root",
+    symmetry: str | None = None,
+    closed: bool = False,
 ) -> dict[tuple[int, int], Block]:
-    """Blocks by the signs of wi.z and wo.z; combinations that were not measured are missing."""
+    """Blocks by the signs of wi.z and wo.z; combinations that were not measured are missing.
+
+    ``closed`` discs end at the horizon with the value 0 and have no grid, see `disc.build_disc`.
+    """
     _check.choice("quantity", quantity, QUANTITIES)
     kind = guess_symmetry(table) if symmetry is None else symmetry
     code = SYMMETRIES.index(_check.choice("symmetry", kind, SYMMETRIES))
-    values = table.f if quantity == "f" else table.transfer
     blocks = {}
     for si in (1, -1):
         for so in (1, -1):
@@ -131,11 +154,20 @@ def build_blocks(
             if rows.any():
                 part = table.select(rows)
                 wi, wo = part.wi * [1.0, 1.0, si], part.wo * [1.0, 1.0, so]
-                blocks[si, so] = _block(wi, wo, values[rows], code)
+                lowest = (float(wi[:, 2].min()), float(wo[:, 2].min()))
+                values = part.f * _factor(quantity, wi, wo, lowest)
+                blocks[si, so] = _block(wi, wo, values, code, lowest, closed)
     return blocks
 
 
-def _block(wi: Float64Array, wo: Float64Array, values: Float64Array, symmetry: int) -> Block:
+def _block(
+    wi: Float64Array,
+    wo: Float64Array,
+    values: Float64Array,
+    symmetry: int,
+    lowest: tuple[float, float],
+    closed: bool,
+) -> Block:
     theta_i = np.arctan2(np.hypot(wi[:, 0], wi[:, 1]), wi[:, 2])
     if symmetry == 3:  # turn the light to azimuth 0; left is as right
         length = np.maximum(np.hypot(wi[:, 0], wi[:, 1]), 1e-300)
@@ -158,8 +190,9 @@ def _block(wi: Float64Array, wo: Float64Array, values: Float64Array, symmetry: i
         np.bincount(ring, theta) / count,
         np.concatenate([[0], np.cumsum(count)]),
         phi[order],
-        tuple(build_disc(wo[rows[j]], values[rows[j]]) for j in order),
+        tuple(build_disc(wo[rows[j]], values[rows[j]], closed) for j in order),
         symmetry,
+        lowest,
     )
 
 
@@ -241,6 +274,77 @@ def k_add(
                 out[at, c] += weight * w[k] * values[base + nodes[k], c]
 
 
+@kernel
+def k_fold(symmetry: int, x: float, y: float) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+    """Matrix (a, b, c, d) that turns or mirrors azimuths to where ``(x, y)`` was measured.
+
+    It takes (u, v) to (a u + b v, c u + d v), and its transpose takes them back.
+    """
+    if symmetry == 3:
+        across = np.sqrt(x * x + y * y)
+        c, s = (x / across, y / across) if across > 1e-12 else (1.0, 0.0)
+        return c, s, -s, c
+    flip_x = -1.0 if symmetry == 2 and x < 0.0 else 1.0
+    flip_y = -1.0 if symmetry > 0 and y < 0.0 else 1.0
+    return flip_x, 0.0, 0.0, flip_y
+
+
+@kernel
+def k_interpolate(
+    out: Float64Array,
+    k: int,
+    ix: float,
+    iy: float,
+    iz: float,
+    ox: float,
+    oy: float,
+    oz: float,
+    aligned: bool,
+    theta: Float64Array,
+    first: IntArray,
+    phi: Float64Array,
+    starts: IntArray,
+    points: Float64Array,
+    values: Float64Array,
+    triangles: IntArray,
+    neighbours: IntArray,
+    seeds: IntArray,
+    grid_theta: Float64Array,
+    grid_phi: Float64Array,
+    symmetry: int,
+) -> None:
+    """Add eq. (1) or (2) for folded directions to the zeros in ``out[k]``."""
+    js, weights, rings = k_neighbours(theta, first, phi, symmetry, ix, iy, iz)
+    if aligned:
+        hx, hy, hz = ix + ox, iy + oy, iz + oz
+        length = np.sqrt(hx * hx + hy * hy + hz * hz)
+        hx, hy, hz = hx / length, hy / length, hz / length
+        total = 0.0
+        for n in range(4):
+            if weights[n] == 0.0:
+                continue
+            t, p = theta[rings[n]], phi[js[n]]
+            jx, jy, jz = np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)
+            cosine = 2.0 * (jx * hx + jy * hy + jz * hz)
+            if cosine * hz - jz > 0.0:
+                total += weights[n]
+                k_add(
+                    out, k, weights[n], js[n],
+                    cosine * hx - jx, cosine * hy - jy, cosine * hz - jz,
+                    starts, points, values, triangles, neighbours, seeds, grid_theta, grid_phi,
+                )  # fmt: skip
+        if total > 0.0:
+            for c in range(out.shape[1]):
+                out[k, c] /= total
+            return
+    for n in range(4):
+        if weights[n] != 0.0:
+            k_add(
+                out, k, weights[n], js[n], ox, oy, oz,
+                starts, points, values, triangles, neighbours, seeds, grid_theta, grid_phi,
+            )  # fmt: skip
+
+
 @parallel_kernel
 def _evaluate(
     wi: Float64Array,
@@ -260,51 +364,15 @@ def _evaluate(
     grid_phi: Float64Array,
     symmetry: int,
 ) -> None:
-    # eqs. (1), (2) for wi, wo (K, 3), both above, into out (K, C)
+    # for wi, wo (K, 3), both above, into out (K, C)
     for k in numba.prange(len(wi)):
-        ix, iy, iz = wi[k, 0], wi[k, 1], wi[k, 2]
-        ox, oy, oz = wo[k, 0], wo[k, 1], wo[k, 2]
-        if symmetry == 3:
-            across = np.sqrt(ix * ix + iy * iy)
-            c, s = (ix / across, iy / across) if across > 1e-12 else (1.0, 0.0)
-            ix, iy = across, 0.0
-            ox, oy = c * ox + s * oy, c * oy - s * ox
-        elif symmetry > 0:
-            if iy < 0.0:
-                iy, oy = -iy, -oy
-            if symmetry == 2 and ix < 0.0:
-                ix, ox = -ix, -ox
-        js, weights, rings = k_neighbours(theta, first, phi, symmetry, ix, iy, iz)
-        if aligned:
-            hx, hy, hz = ix + ox, iy + oy, iz + oz
-            length = np.sqrt(hx * hx + hy * hy + hz * hz)
-            hx, hy, hz = hx / length, hy / length, hz / length
-            total = 0.0
-            for n in range(4):
-                if weights[n] == 0.0:
-                    continue
-                t = theta[rings[n]]
-                p = 0.0 if symmetry == 3 else phi[js[n]]
-                jx, jy, jz = np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)
-                cosine = 2.0 * (jx * hx + jy * hy + jz * hz)
-                if cosine * hz - jz > 0.0:
-                    total += weights[n]
-                    k_add(
-                        out, k, weights[n], js[n],
-                        cosine * hx - jx, cosine * hy - jy, cosine * hz - jz,
-                        starts, points, values, triangles, neighbours, seeds,
-                        grid_theta, grid_phi,
-                    )  # fmt: skip
-            if total > 0.0:
-                for c in range(out.shape[1]):
-                    out[k, c] /= total
-                continue
-        for n in range(4):
-            if weights[n] != 0.0:
-                k_add(
-                    out, k, weights[n], js[n], ox, oy, oz,
-                    starts, points, values, triangles, neighbours, seeds, grid_theta, grid_phi,
-                )  # fmt: skip
+        ix, iy, ox, oy = wi[k, 0], wi[k, 1], wo[k, 0], wo[k, 1]
+        a, b, c, d = k_fold(symmetry, ix, iy)
+        k_interpolate(
+            out, k, a * ix + b * iy, c * ix + d * iy, wi[k, 2],
+            a * ox + b * oy, c * ox + d * oy, wo[k, 2], aligned, theta, first, phi, starts,
+            points, values, triangles, neighbours, seeds, grid_theta, grid_phi, symmetry,
+        )  # fmt: skip
 
 
 def evaluate_block(
@@ -325,8 +393,8 @@ class TableFunction:
     table : MeasuredTable
     interpolation : "half-vector" or "linear"
         Eq. (2) or (1).
-    quantity : "f" or "p"
-        What is interpolated.
+    quantity : "root", "p" or "f"
+        What is interpolated, eq. (3).
     symmetry : str, optional
         One of the names at the top; by default what `guess_symmetry` says.
 
@@ -337,7 +405,7 @@ class TableFunction:
         self,
         table: MeasuredTable,
         interpolation: str = "half-vector",
-        quantity: str = "f",
+        quantity: str = "root",
         symmetry: str | None = None,
     ) -> None:
         self.interpolation = _check.choice("interpolation", interpolation, INTERPOLATIONS)
@@ -359,7 +427,5 @@ class TableFunction:
                 if block is None or not len(rows):
                     continue
                 value = evaluate_block(block, first, second, self.interpolation)
-                if self.quantity == "p":
-                    value /= np.maximum(second[:, 2:], LOWEST)
-                out[rows] = value
+                out[rows] = value / _factor(self.quantity, first, second, block.lowest)
         return out

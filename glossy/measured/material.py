@@ -37,8 +37,8 @@ class MeasuredMaterial:
     table : MeasuredTable
     interpolation : "half-vector" or "linear"
         How values between measured incident directions come about, see `interpolate`.
-    quantity : "f" or "p"
-        Whether the BSDF is interpolated, or its product with |cos theta_o|.
+    quantity : "root", "p" or "f"
+        What is interpolated: the BSDF by itself (f), or times a cosine (p, root).
     symmetry : "none", "mirror", "quadrant" or "isotropic", optional
         Of the incident azimuths; by default what the table suggests.
     function : callable, optional
@@ -57,7 +57,7 @@ class MeasuredMaterial:
         self,
         table: MeasuredTable,
         interpolation: str = "half-vector",
-        quantity: str = "f",
+        quantity: str = "root",
         symmetry: str | None = None,
         function: Function | None = None,
     ) -> None:
@@ -152,7 +152,7 @@ def measured_material(
     path: str | pathlib.Path,
     format: str | None = None,
     interpolation: str = "half-vector",
-    quantity: str = "f",
+    quantity: str = "root",
     symmetry: str | None = None,
 ) -> MeasuredMaterial:
     """A material from a file of measurements, evaluated as its kind of file means it.
