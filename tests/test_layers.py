@@ -70,7 +70,9 @@ def test_the_truth_shares_nothing_with_what_it_judges(module: str) -> None:
 def test_the_core_does_not_know_what_is_built_on_it(module: str) -> None:
     above = {"scene", "render", "cli", "metrics", "image", "reference", "export/shader"}
     forbidden = {
-        m for m in MODULES if m in above or m.startswith(("study/", "commands/", "measured/"))
+        m
+        for m in MODULES
+        if m in above or m.startswith(("study/", "commands/", "measured/", "scenes/"))
     }
     assert not reachable(module) & forbidden
 
