@@ -3,8 +3,8 @@
     python benchmarks/bench_fit.py --json fit.json
 
 A table of 10 080 rows, anisotropic, 10 % noise. *Cold* is a new process with an empty kernel cache,
-compilation included. The grid search's candidates are compared, in turns, with the same metric
-written in NumPy, one candidate after the other.
+compilation included. Candidates of the grid search are compared, in turns, with the metric in
+NumPy, one set of parameters after the other, as the polish has it.
 """
 
 import os
@@ -65,7 +65,7 @@ def fits(measured: Any, grid: int) -> list[dict[str, Any]]:
 
 
 def candidates(measured: Any, n: int, rounds: int) -> dict[str, list[float]]:
-    """CPU seconds a candidate of one grid level, of single kernels and of NumPy, in turns."""
+    """CPU seconds a candidate of a grid level and of NumPy, in turns."""
     from glossy.measured import fit_metrics, fit_rows
 
     rows = fit_rows.rows_of(measured, "reflection", "kurt", "auto")
@@ -79,22 +79,16 @@ def candidates(measured: Any, n: int, rounds: int) -> dict[str, list[float]]:
 
     def numpy_metric() -> None:
         for _ in range(singles):
-            model = fit_metrics.model_values(rows, one[0])
-            float((rows.weight * np.abs(rows.measured - model)).sum())
-
-    def kernels() -> None:
-        for _ in range(singles):
             fit_metrics.errors(rows, rows.measured, one, 0)
 
     times = common.interleaved(
         {
             "grid": lambda: fit_metrics.grid_errors(rows, y, base, shapes, pairs, 0),
-            "kernel": kernels,
             "numpy": numpy_metric,
         },
         rounds,
     )
-    counts = {"grid": shapes.shape[0] * pairs.shape[1], "kernel": singles, "numpy": singles}
+    counts = {"grid": shapes.shape[0] * pairs.shape[1], "numpy": singles}
     return {k: [t / counts[k] for t in v] for k, v in times.items()}
 
 

@@ -130,13 +130,13 @@ def _lobe(x: Any) -> dict[str, float]:
     return {k: getattr(x, k) for k in ("mx", "my", "alpha", "r0", "ks")}
 
 
-def real(folder: pathlib.Path, quick: bool) -> list[dict[str, Any]]:
+def real(folder: pathlib.Path, files: str, quick: bool) -> list[dict[str, Any]]:
     """A row for each file, model and number of lobes."""
     import glossy
     from glossy.measured.fit_rows import lit_from, row_weights
 
     rows = []
-    for path in sorted(folder.glob("*.*")):
+    for path in sorted(folder.glob(files)):
         try:
             table = lit_from(glossy.read_measured(path), "above")
         except (ValueError, OSError) as error:
@@ -151,7 +151,7 @@ def real(folder: pathlib.Path, quick: bool) -> list[dict[str, Any]]:
                     table,
                     lobes,
                     model=model,
-                    grid=3 if quick else (5 if len(table) > 20_000 else 9),
+                    grid=3 if quick else (5 if len(table) > 20_000 else 7),
                     levels=1 if quick else 4,
                     rounds=1 if quick else 2,
                     polish="none" if quick else "local",
@@ -223,6 +223,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("parts", nargs="+", choices=("recovery", "published", "real"))
     parser.add_argument("--data", default=os.environ.get("GLOSSY_DATA", "."), metavar="DIR")
+    parser.add_argument("--files", default="*.*", metavar="GLOB", help="of the real data")
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--quick", action="store_true", help="tiny: to see that it runs")
     parser.add_argument("--json", type=pathlib.Path, help="write the figures to this file")
@@ -235,7 +236,7 @@ def main() -> None:
         results["published"] = published(args.quick)
         print_published(results["published"])
     if "real" in args.parts:
-        results["real"] = real(pathlib.Path(args.data) / "brdf", args.quick)
+        results["real"] = real(pathlib.Path(args.data) / "brdf", args.files, args.quick)
         print_real(results["real"])
     common.write(args.json, "fit_study", results)
 

@@ -1,8 +1,11 @@
-"""Kernels of the fit: the metric of many candidates over all rows of a table.
+"""Kernel of the grid search: the metric of many candidates over all rows of a table.
 
 Candidates are spread over the threads; each one's sum runs over the rows in their order, so it has
 the same bits for any number of threads. ``f`` (9, K) are the features of ``fit_rows``; the metrics
 are numbered as in ``fit_metrics.METRICS``.
+
+Only the grid has a kernel: it shares each row's exponential among all (r0, ks). One whole
+parameter set after the other is quicker in NumPy, whose exponential takes several rows at a time.
 """
 
 import numba
@@ -36,61 +39,6 @@ def k_transform(y: Scalar, metric: int) -> Scalar:
     if metric == LOG:
         return np.copysign(np.log1p(abs(y)), y)
     return y
-
-
-@kernel
-def k_error(
-    f: Float64Array,
-    diffuse: Float64Array,
-    measured: Float64Array,
-    weight: Float64Array,
-    p: Float64Array,
-    metric: int,
-    ggx: bool,
-    sign: float,
-) -> float:
-    """Sum of fit_metrics eqs. (1)-(4), before division and root, for one parameter set (P,).
-
-    A set is kd of every channel, then mx, my, alpha, r0 and ks of every channel for each lobe. Also
-    called from Python, where waking other threads for one candidate would cost more than it.
-    """
-    channels = measured.shape[1]
-    lobes = (p.size - channels) // (LOBE + channels)
-    total = 0.0
-    model = np.empty(channels)
-    for k in range(measured.shape[0]):
-        for c in range(channels):
-            model[c] = p[c] * diffuse[k]
-        for j in range(lobes):
-            at = channels + j * (LOBE + channels)
-            fresnel = p[at + 3] + (1.0 - p[at + 3]) * f[2, k]
-            if sign < 0.0:
-                fresnel = 1.0 - fresnel
-            value = fresnel * k_shape(f, k, p[at], p[at + 1], p[at + 2], ggx)
-            for c in range(channels):
-                model[c] += p[at + LOBE + c] * value
-        for c in range(channels):
-            if weight[k, c] > 0.0:
-                d = measured[k, c] - k_transform(model[c], metric)
-                total += weight[k, c] * (abs(d) if metric == L1 else d * d)
-    return total
-
-
-@parallel_kernel
-def errors_kernel(
-    f: Float64Array,
-    diffuse: Float64Array,
-    measured: Float64Array,
-    weight: Float64Array,
-    parameters: Float64Array,
-    metric: int,
-    ggx: bool,
-    sign: float,
-    out: Float64Array,
-) -> None:
-    """``k_error`` of every parameter set (N, P)."""
-    for n in numba.prange(parameters.shape[0]):
-        out[n] = k_error(f, diffuse, measured, weight, parameters[n], metric, ggx, sign)
 
 
 @parallel_kernel

@@ -21,13 +21,12 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .fit_kernels import CUBIC_ROOT, L1, LOBE, LOG, errors_kernel, grid_kernel, k_error
+from .fit_kernels import CUBIC_ROOT, L1, LOBE, LOG, grid_kernel
 from .fit_rows import Rows
 
 Float64Array = npt.NDArray[np.float64]
 
 METRICS = ("l1", "l2", "cubic-root", "log")
-SERIAL = 1 << 18  # parameters times rows below which waking other threads costs more than it saves
 
 
 def metric_code(metric: str) -> int:
@@ -49,17 +48,15 @@ def finish(total: float, weight: float, code: int) -> float:
 
 
 def errors(rows: Rows, target: Float64Array, parameters: Float64Array, code: int) -> Float64Array:
-    """Sums of the metric for parameter sets (N, P); the layout is that of ``errors_kernel``.
+    """Sums of eqs. (1)-(4), before division and root, for parameter sets (N, P).
 
+    A set is kd of every channel, then mx, my, alpha, r0 and ks of every channel for each lobe.
     ``target`` (K, C) is ``transform`` of the measured values, which is made once for many calls.
     """
-    sets = _check.frozen(parameters)
-    arrays = (rows.features, rows.diffuse, _check.frozen(target), rows.weight)
-    options = (code, rows.ggx, rows.sign)
-    if len(sets) == 1 or sets.size * len(rows.weight) < SERIAL:
-        return np.array([k_error(*arrays, p, *options) for p in sets])
-    out = np.empty(len(sets))
-    errors_kernel(*arrays, sets, *options, out)
+    out = np.empty(len(parameters))
+    for n, p in enumerate(parameters):
+        d = target - transform(model_values(rows, p), code)
+        out[n] = (rows.weight * (np.abs(d) if code == L1 else d * d)).sum()
     return out
 
 
@@ -110,7 +107,7 @@ def lobe_values(rows: Rows, mx: float, my: float, alpha: float, r0: float) -> Fl
 
 
 def model_values(rows: Rows, parameters: Float64Array) -> Float64Array:
-    """Y (K, C) of the whole model; ``parameters`` (P,) as for ``errors_kernel``."""
+    """Y (K, C) of the whole model; ``parameters`` (P,) as for ``errors``."""
     c = rows.channels
     total = rows.diffuse[:, None] * parameters[:c]
     for lobe in parameters[c:].reshape(-1, LOBE + c):

@@ -12,8 +12,7 @@ evaluated with the metric itself:
   (D^2 the diagonal of J^T omega J) of as many rows as there are parameters, so the table's
   length only costs sums over its rows;
 * Nelder-Mead on the metric, which needs no derivatives where l1 has none;
-* on request differential evolution over the whole box before both, all candidates of a generation
-  in one call.
+* on request differential evolution over the whole box before both.
 
 Sums run in a fixed order: the same input gives the same bits for any number of threads.
 """
