@@ -64,7 +64,7 @@ def test_photons_follow_their_density(
 ) -> None:
     cases = [
         (PhotonTable(t, interpolation), spherical(np.radians(a), 0.4) * [1, 1, s])
-        for t, a, s in ((paint, 25.0, 1), (paint, 60.0, 1), (blind, 30.0, 1), (blind, 30.0, -1))
+        for t, a, s in ((paint, 60.0, 1), (blind, 30.0, -1))
     ]
     for photons, wi in cases:
         bounce = photons.bounce(np.broadcast_to(wi, (30_000, 3)), seed=1, method=method)
@@ -85,7 +85,7 @@ def test_photons_follow_their_density(
             assert density.sum() == pytest.approx(float(r), rel=RULE)
         probability = density / density.sum()
         p = chi2.p_value(chi2.counts(moving, pole, 0.5), probability)
-        assert p > chi2.sidak(ALPHA, 16)
+        assert p > chi2.sidak(ALPHA, 8)
 
 
 def test_tries_are_as_many_as_expected(paint: glossy.MeasuredTable) -> None:
@@ -164,7 +164,7 @@ def test_leave_one_out_prefers_alignment_for_a_lobe() -> None:
 def test_leave_one_out_on_real_data(real_data: pathlib.Path) -> None:
     """A satin film: alignment halves the error."""
     table = glossy.read_measured(real_data / "brdf" / "satin_rosaline_rgb.bsdf")
-    found = leave_one_out(table)
+    found = leave_one_out(table, most=3)
     mean = {name: np.mean([x.error[name] for x in found]) for name in ("linear", "half-vector")}
-    assert len(found) == 5
+    assert len(found) == 3
     assert mean["half-vector"] < 0.5 * mean["linear"]

@@ -82,8 +82,10 @@ def leave_one_out(
         w, cosine = weight[rows[j], None], np.abs(own.wo[:, 2:])
         bright = own.transfer.mean(axis=1) >= PEAK * own.transfer.mean(axis=1).max()
         error, peak = {}, {}
+        function = TableFunction(rest, quantity=quantity)
         for name in INTERPOLATIONS:
-            wrong = w * np.abs(TableFunction(rest, name, quantity)(own.wi, own.wo) - own.f) * cosine
+            function.interpolation = name
+            wrong = w * np.abs(function(own.wi, own.wo) - own.f) * cosine
             right = w * np.abs(own.transfer)
             error[name] = float(wrong.sum() / max(right.sum(), 1e-300))
             peak[name] = float(wrong[bright].sum() / max(right[bright].sum(), 1e-300))
