@@ -20,7 +20,7 @@ from glossy.scenes.capture import Radiance, capture
 from glossy.scenes.geometry import Geometry
 from glossy.scenes.lightmaps import LightMaps
 from glossy.scenes.model import AreaLight, BakeSettings, Checker, ObjectScene, SceneObject
-from glossy.scenes.shapes import Box, Rectangle, Shape, Sphere, Torus, Transform
+from glossy.scenes.shapes import Box, Mesh, Rectangle, Shape, Sphere, Torus, Transform
 
 Array = npt.NDArray[np.float64]
 CAMERA = Camera(width=8, height=8)
@@ -249,3 +249,23 @@ def test_an_environment_lights_an_open_floor(tmp_path: pathlib.Path) -> None:
     # rotated by -90 degrees about x the rectangle's upper row lies at -z
     hits = geometry_of(s).intersect([[-0.375, 1.0, -0.25], [0.375, 1.0, 0.25]], [0.0, -1.0, 0.0])
     np.testing.assert_allclose(lit.irradiance(hits), image[[0, 1], [0, 3]])
+
+
+def test_a_mesh_keeps_its_light_at_its_vertices(tmp_path: pathlib.Path) -> None:
+    """A ball of 320 triangles over a black floor: the vertices see 1 - F of a white sky."""
+    trimesh = pytest.importorskip("trimesh", reason="the extra 'mesh' is not installed")
+    pytest.importorskip("embreex", reason="the extra 'mesh' is not installed")
+    trimesh.creation.icosphere(2).export(tmp_path / "ball.ply")
+    ball = SceneObject(Mesh(str(tmp_path / "ball.ply")), Transform((0, 3.0, 0)), Material(kd=0.4))
+    floor = wall(Transform(rotation=(-90.0, 0, 0)), (600.0, 600.0), 0.0)
+    s = scene([ball, floor], texel=10.0, samples=256, bounces=1)
+    lit = baked(s, CubeMap(np.ones((6, 4, 4, 3))))
+    vertices = lit.geometry.meshes[0]
+    values = lit.values[: len(vertices.vertices), 0]
+    # a wide floor hides (1 - n.y) / 2 of the cosine-weighted sky, but for 0.6 degrees at its end
+    expected = math.pi * (1.0 + vertices.normals[:, 1]) / 2.0
+    # one ray is 0.4 % of the sky, and the horizon parts 256 of them at random
+    np.testing.assert_allclose(values, expected, atol=0.03 * math.pi)
+    assert np.mean(values - expected) == pytest.approx(0.0, abs=0.005 * math.pi)
+    hits = lit.geometry.intersect([[0.0, 9.0, 0.0], [0.0, 3.0, 9.0]], [[0, -1.0, 0], [0, 0, -1.0]])
+    np.testing.assert_allclose(lit.radiance(hits)[:, 0], [0.4, 0.2], atol=0.01)
