@@ -49,7 +49,7 @@ class Convergence:
     estimate, error : (..., 3) float64
         The accumulated estimate and its standard error; 0 and inf before the first pass.
     weight : (...) float64
-        Share w of the estimate in the display.
+        Share w of the estimate in the display; 1 where it has no error.
     passes, samples : int
         Passes so far, and evaluations of the BSDF that each point took.
     relative_error : float
