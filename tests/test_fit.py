@@ -266,6 +266,13 @@ def test_baselines_are_what_their_papers_print_and_are_recovered(model: str) -> 
     np.testing.assert_allclose(fit.eval(wi, wo)[:, 0], f, rtol=5e-3, atol=1e-5)
 
 
+def test_what_a_baseline_does_not_have_cannot_be_fixed_for_one_lobe(table: MeasuredTable) -> None:
+    held = {"reflection[0].r0": 0.5, "mx": 0.2}
+    fit = fit_table(table, model="ward", fixed=held, polish="none", **FAST)  # type: ignore[arg-type]
+    _, mx, _, alpha, r0, _ = fit.parameters["reflection"]
+    assert (mx, alpha, r0) == (0.2, 0.0, 1.0)
+
+
 REFUSALS = [
     ({"metric": "l3"}, "metric: must be one of"),
     ({"model": "phong"}, "model: must be one of"),

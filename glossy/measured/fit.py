@@ -180,8 +180,9 @@ def fit_table(
     rows = {side: rows_of(table, side, model, weights) for side in SIDES}
     asked = int(rows["transmission"] is not None) if transmission is None else transmission
     counts["transmission"] = _check.count("transmission", asked, 0)
-    bounds, fixed = dict(bounds or {}), {**(fixed or {}), **FROZEN.get(model, {})}
+    bounds, fixed, frozen = dict(bounds or {}), dict(fixed or {}), FROZEN.get(model, {})
     check_names(bounds, fixed, counts)
+    fixed = {k: v for k, v in fixed.items() if k.rpartition(".")[2] not in frozen} | frozen
     search = Search(
         code=code,
         grid=_check.count("grid", grid, 2),
