@@ -114,8 +114,8 @@ def _material(where: str, value: object, named: Table, folder: pathlib.Path) -> 
     try:
         return make_material(text)
     except ValueError as error:
-        known = f"; the scene's own are {', '.join(named)}" if named else ""
-        raise ValueError(f"{where}: {error}{known}") from None
+        own = f"not one of the scene's own ({', '.join(named)}); " if named else ""
+        raise ValueError(f"{where}: {own}{error}") from None
 
 
 def _method(where: str, table: Table, default: str) -> None:
