@@ -24,13 +24,17 @@ METHODS = {
     "split-sum": "glossy.splitsum.shade:split_sum",
     "bent": "glossy.splitsum.shade:bent",
     "axis-taps": "glossy.splitsum.shade:axis_taps",
+    "lattice": "glossy.lattice.shade:lattice",
 }
 
 PYRAMID = "glossy.pyramid:build_pyramid"
 PREPARE = dict.fromkeys(("split-sum", "bent", "axis-taps"), "glossy.splitsum.shade:prepare")
 """What a method looks up, where that is not a MIP pyramid."""
 
-TAPS = {"axis-taps": "glossy.splitsum.shade:tap_count"}
+TAPS = {
+    "axis-taps": "glossy.splitsum.shade:tap_count",
+    "lattice": "glossy.lattice.table:tap_count",
+}
 """How many taps a method takes for (lobe, samples), where that is not ``samples``."""
 
 

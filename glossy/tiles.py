@@ -57,7 +57,7 @@ MANTISSA, EXPONENT_ONE = np.int32(0x7FFFFF), np.int32(127 << 23)
 
 
 @kernel
-def _log2(x: Scalar) -> Scalar:
+def k_log2(x: Scalar) -> Scalar:
     """log2 of a positive float32, to 2e-7 absolute near 1 and half an ulp of the result beyond."""
     b = bits(x)
     e = np.float32(np.int32(np.int32(b >> 23) - 127))
@@ -72,7 +72,7 @@ def _log2(x: Scalar) -> Scalar:
 
 
 @kernel
-def _exp2(x: Scalar) -> Scalar:
+def k_exp2(x: Scalar) -> Scalar:
     """2^x for |x| < 120, relative error below 2e-7."""
     whole = np.floor(x + HALF)
     f = x - whole
@@ -142,7 +142,7 @@ def k_directions(
                 s[GAIN + i] = s[GAIN + i] / s[LEVEL + i]
         else:
             for i in range(T):
-                s[GAIN + i] = s[GAIN + i] * _exp2(-alpha * _log2(s[LEVEL + i]))
+                s[GAIN + i] = s[GAIN + i] * k_exp2(-alpha * k_log2(s[LEVEL + i]))
     if fresnel:
         for i in range(T):
             c = s[COS + i]
@@ -194,7 +194,7 @@ def k_levels(s: Float32Array, footprint: Scalar, spread: Scalar, bias: Scalar, t
             d = s[D + i]
             s[LEVEL + i] = spread * s[AREA + i] * (d * d * d)
     for i in range(T):
-        level = HALF * _log2(s[LEVEL + i]) + bias
+        level = HALF * k_log2(s[LEVEL + i]) + bias
         level = level if level > ZERO else ZERO
         s[LEVEL + i] = level if level < top else top
 
