@@ -238,7 +238,7 @@ class Pyramid:
     def update(self, cube: CubeMap) -> None:
         """Make every level anew from another cube map of the same size, in place.
 
-        For renderers that capture their surroundings again and again: nothing is allocated. Views
+        For renderers that capture their surroundings again and again: no level is allocated. Views
         from ``levels`` show the new texels.
 
         Raises

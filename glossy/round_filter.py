@@ -2,6 +2,9 @@
 
 The weights are those of ``round_weights``; the six faces share them. Levels larger than the largest
 table read that of a place nearby: weights change little from one texel to the next.
+
+Windows reach ``RING`` texels beyond an edge, one more than the levels' rings: the texels along an
+edge are gathered from a strip with that many of the neighbour's.
 """
 
 import numba
@@ -10,6 +13,7 @@ import numpy.typing as npt
 
 from ._gather import FACES, TAPS, gather, gather_mirrored
 from ._jit import Scalar, kernel, parallel_kernel
+from .round_shares import RING
 from .round_weights import DENSE, LARGEST, dense_weights, window_weights
 from .seams import PAD, k_fill_seams
 
@@ -31,12 +35,12 @@ def _entry(i: Scalar, shift: Scalar) -> Scalar:
 def _gather_row(
     fine: Float32Array, coarse: Float32Array, weights: Float32Array, shift: Scalar, row: Scalar
 ) -> None:
-    """One row of every face."""
+    """One row of every face, but for its ends."""
     n, width, across = coarse.shape[1] - 2 * PAD, fine.shape[1], coarse.shape[1]
     half, entries, last = n // 2, weights.shape[0], width - TAPS
     row = np.int64(row)
     inner = min(row, n - 1 - row)
-    top = max(2 * inner + PAD + 1 - TAPS // 2, 0)
+    top = 2 * inner + PAD - RING
     entry, step, first = _entry(inner, shift) * entries, TAPS, 0
     if row >= half:
         top, step, first = last - top, -TAPS, (TAPS - 1) * TAPS
@@ -44,20 +48,74 @@ def _gather_row(
     start, begin = top * width * 4, ((row + PAD) * across + PAD) * 4
     fine_face, coarse_face = width * width * 4, across * across * 4
     for _ in range(0, 6, FACES):
-        for col in range(half):
-            left = max(2 * col + PAD + 1 - TAPS // 2, 0)
+        for col in range(1, half):
+            left = 2 * col + PAD - RING
             at = (entry + _entry(col, shift)) * (TAPS * TAPS) + first
             places, ends = (start + 4 * left, width * 4, fine_face), (begin + 4 * col, coarse_face)
             gather(source, places, table, at, step, target, ends)
-        for i in range(half):
+        for i in range(half - 1):
             col = half - 1 - i
-            left = max(2 * col + PAD + 1 - TAPS // 2, 0)
+            left = 2 * col + PAD - RING
             at = (entry + _entry(col, shift)) * (TAPS * TAPS) + first
             places = (start + 4 * (last - left), width * 4, fine_face)
             ends = (begin + 4 * (n - 1 - col), coarse_face)
             gather_mirrored(source, places, table, at, step, target, ends)
         start += FACES * fine_face
         begin += FACES * coarse_face
+
+
+@kernel
+def _texel(
+    level: Float32Array, table: Int64Array, face: Scalar, edge: Scalar, i: Scalar, d: Scalar
+) -> Float32Array:
+    """The texel ``i`` along an edge and ``d`` inside it, either beyond the edges or not."""
+    n = level.shape[1] - 2 * PAD
+    far, beyond = d < 0, (i < 0) | (i >= n)
+    across = n - 1 - d if edge & 1 else d
+    row, col = (i, across) if edge < 2 else (across, i)
+    if far | beyond:
+        over, along, depth = edge, i, -1 - d
+        if beyond:
+            over = (2 if edge < 2 else 0) + (1 if i >= n else 0)
+            along, depth = across, i - n if i >= n else -1 - i
+        fold = table[face, over]
+        face = fold[0]
+        row = fold[1] * (n - 1) + fold[2] * along + fold[3] * depth
+        col = fold[4] * (n - 1) + fold[5] * along + fold[6] * depth
+    texel: Float32Array = level[face, row + PAD, col + PAD]
+    return texel
+
+
+@kernel
+def _gather_ends(
+    fine: Float32Array, coarse: Float32Array, weights: Float32Array, table: Int64Array,
+    shift: Scalar, group: Scalar,
+) -> None:  # fmt: skip
+    """The texels along ``FACES`` edges of a face, whose windows reach beyond the rings."""
+    m, n = fine.shape[1] - 2 * PAD, coarse.shape[1] - 2 * PAD
+    face, edge, width = group * FACES // 4, group * FACES % 4, m + 2 * RING
+    strips = np.zeros((FACES, TAPS, width, 4), dtype=np.float32)
+    found = np.empty((FACES, n, 4), dtype=np.float32)
+    for k in range(FACES):
+        for d in range(-RING, TAPS - RING):
+            first, last = (0, m) if d < 0 else (-RING, m + RING)  # nothing beyond the corner
+            for i in range(first, last):
+                texel = _texel(fine, table, face, edge + k, i, d)
+                for c in range(4):
+                    strips[k, d + RING, i + RING, c] = texel[c]
+    source, target, flat = strips.reshape(-1), found.reshape(-1), weights.reshape(-1)
+    for col in range(n // 2):
+        at = _entry(col, shift) * (TAPS * TAPS)
+        places = (8 * col, 4 * width, 4 * width * TAPS)
+        gather(source, places, flat, at, TAPS, target, (4 * col, 4 * n))
+        places = (4 * (width - TAPS - 2 * col), 4 * width, 4 * width * TAPS)
+        gather_mirrored(source, places, flat, at, TAPS, target, (4 * (n - 1 - col), 4 * n))
+    for k in range(FACES):
+        side = (n - 1) * ((edge + k) % 2) + PAD
+        if edge + k < 2:
+            coarse[face, PAD + 1 : PAD + n - 1, side] = found[k, 1 : n - 1]
+        else:  # the corners are these
+            coarse[face, side, PAD : PAD + n] = found[k]
 
 
 @parallel_kernel
@@ -69,11 +127,15 @@ def _gather_level(
     while 2 * weights.shape[0] << shift < n:
         shift += 1
     if n <= SERIAL:
-        for row in range(n):
+        for row in range(1, n - 1):
             _gather_row(fine, coarse, weights, shift, row)
+        for group in range(24 // FACES):
+            _gather_ends(fine, coarse, weights, table, shift, group)
     else:
-        for row in numba.prange(n):
+        for row in numba.prange(1, n - 1):
             _gather_row(fine, coarse, weights, shift, row)
+        for group in numba.prange(24 // FACES):
+            _gather_ends(fine, coarse, weights, table, shift, group)
     k_fill_seams(coarse, table)
 
 

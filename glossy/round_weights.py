@@ -3,11 +3,12 @@
 One texel p of a level is a weighted mean of texels q of the level above, all of them known by
 their true directions, across edges and corners too::
 
-    w(q) ~ Omega(q) exp(-x.A x / 2 + b.x),  x = 2 (q.e1, q.e2) / (1 + q.p)                     (1)
+    w(q) ~ S(q) exp(-x.A x / 2 + b.x),  x = 2 (q.e1, q.e2) / (1 + q.p)                         (1)
 
-with the texels' solid angles Omega and a tangent frame (e1, e2) at p. The five numbers in A and b
-are solved for (Newton) such that what the texel averages of level 0 has its centre at p and the
-covariance ::
+with a tangent frame (e1, e2) at p and the part S of level 0 that each q stands for (``shares``):
+its solid angle in level 0, less than that where wider neighbours cover the same place again. The
+five numbers in A and b are solved for (Newton) such that what the texel averages of level 0 has
+its centre at p and the covariance ::
 
     C(p) = sigma^2 I - J J^T / 6,   sigma = c h d^(-3/2),  h = 2 / n,  d = |p| / |p|_inf       (2)
 
@@ -18,8 +19,9 @@ sigma wide wherever it falls. d^(-3/2) is the texels' own size: levels count as 
 Wide taps follow the heat kernel, the Gaussian of the sphere: a variance v per axis has the tangent
 covariance (1 - exp(-3 v)) / 3 and shortens the mean direction to exp(-v).
 
-By (2) what the texels of the level above average is known, too; so a table depends on its size
-and on whether that level is level 0, on nothing else.
+By (2) what the texels of the level above average is known, too, and S is taken from a chain that
+starts at size 4 ``LARGEST``; so a table depends on its size and on whether the level above is
+level 0, on nothing else.
 """
 
 import functools
@@ -32,7 +34,8 @@ from . import _check
 from ._gather import TAPS
 from ._jit import kernel
 from .cubemap import face_directions, locate, texel_directions, texel_solid_angles
-from .seams import PAD, fold_table
+from .round_shares import RING, mean, share, spread
+from .seams import fold_table
 
 Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
@@ -40,7 +43,7 @@ Int64Array = npt.NDArray[np.int64]
 
 WIDTH = 1.0  # c of eq. (2)
 BILINEAR = 1.0 / 6.0
-DENSE = 4  # levels up to this size are averages of the whole level above
+DENSE = 8  # levels up to this size are averages of the whole level above
 LARGEST = 128  # the largest size with a table of its own: larger levels read it
 STEPS = 40
 ENOUGH = 1e-7  # of the moments, in units of sigma
@@ -138,7 +141,7 @@ def _match_windows(
 ) -> None:  # fmt: skip
     """Weights (R, C, taps * taps) of R x C texels with windows of ``texels`` (H, W, 13).
 
-    ``frames`` (R, C, 3, 3): e1, e2, p. ``texels``: direction, solid angle, mean direction, second
+    ``frames`` (R, C, 3, 3): e1, e2, p. ``texels``: direction, S, mean direction, second
     moments xx yy zz xy xz yz. ``goals`` (R, C, 2, 2): covariances; ``rows``, ``cols``: where the
     windows start. A texel starts from its neighbour's solution.
     """
@@ -200,7 +203,7 @@ def _texels(row: Int64Array, col: Int64Array, n: int, deltas: bool) -> Float64Ar
     mean = p * np.cbrt(1.0 - 1.5 * trace)  # exp(-v), as trace = 2 (1 - exp(-3 v)) / 3
     second = np.swapaxes(tangents, -1, -2) @ covariance @ tangents
     second += (1.0 - trace[..., None]) * p[..., :, None] * p[..., None, :]
-    area = texel_solid_angles(n)[row, col][..., None] * (0.25 * n * n)
+    area = (_solid_angles(n) if deltas else shares(n))[row, col][..., None]
     return np.concatenate([p, area, mean, _packed(second)], axis=-1)
 
 
@@ -225,41 +228,62 @@ def _turned(texels: Float64Array, rotation: Float64Array) -> Float64Array:
 
 
 def _padded_texels(n: int, deltas: bool) -> Float64Array:
-    """The first rows and columns of face +z with their rings, (H, H, 13): what its first quarter
-    reaches. Nothing beyond the cube's corner.
+    """The first rows and columns of face +z with ``RING`` rings, (H, H, 13): what its first
+    quarter reaches. Nothing beyond the cube's corner.
     """
-    i = np.arange(n // 2 + TAPS // 2)
+    i = np.arange(n // 2 + RING)
     row, col = np.meshgrid(i, i, indexing="ij")
-    out = np.zeros((i.size + PAD, i.size + PAD, 13))
-    out[PAD:, PAD:] = _texels(row, col, n, deltas)
+    out = np.zeros((i.size + RING, i.size + RING, 13))
+    out[RING:, RING:] = _texels(row, col, n, deltas)
     for edge in (0, 2):
         other, far0, i0, d0, far1, i1, d1 = fold_table()[4, edge]
-        for d in range(PAD):
+        for d in range(RING):
             rows, cols = far0 * (n - 1) + i0 * i + d0 * d, far1 * (n - 1) + i1 * i + d1 * d
             ring = _turned(_texels(rows, cols, n, deltas), _rotation(int(other)))
             if edge == 0:
-                out[PAD:, PAD - 1 - d] = ring
+                out[RING:, RING - 1 - d] = ring
             else:
-                out[PAD - 1 - d, PAD:] = ring
+                out[RING - 1 - d, RING:] = ring
     return out
-
-
-def window_starts(n: int) -> Int64Array:
-    """First padded row of the level above that a row's window takes, for the first n/2 rows."""
-    return np.maximum(2 * np.arange(n // 2) + PAD + 1 - TAPS // 2, 0)
 
 
 @functools.lru_cache(maxsize=32)
 def window_weights(n: int, deltas: bool) -> Float32Array:
     """Weights (n/2, n/2, 8, 8) of a quarter of each face of a level of n, 8 <= n <= ``LARGEST``.
 
-    ``deltas``: the level above is level 0. The windows' places: ``window_starts``; the other
-    quarters are mirrored.
+    ``deltas``: the level above is level 0. Texel (i, j) takes rows 2 i - ``RING`` and on, columns
+    2 j - ``RING`` and on; the other quarters are mirrored.
     """
-    starts = window_starts(n)
+    starts = 2 * np.arange(n // 2)
     weights, _ = _matched(n, starts.size, _padded_texels(2 * n, deltas), starts, TAPS)
     shaped = weights.reshape(n // 2, n // 2, TAPS, TAPS).astype(np.float32)
     return np.asarray(_check.frozen(shaped))
+
+
+@functools.lru_cache(maxsize=16)
+def shares(n: int) -> Float64Array:
+    """S (n, n) of eq. (1) on a face of a level of n, in solid angles of a mean texel of its size.
+
+    Such that the level's texels, S times each, cover what they are made of once: ``share``.
+    """
+    own = _solid_angles(n)
+    if n > LARGEST:
+        return own
+    goal = shares(2 * n)
+    if n <= DENSE:
+        table = dense_weights(n, False).astype(np.float64)
+        whole, goal = (np.tile(a.reshape(-1), 6) for a in (own, goal))
+        found = share(lambda a: 4.0 * a @ table, lambda x: table @ x, whole, goal)
+        return found[: n * n].reshape(n, n)
+    h, weights = n // 2, window_weights(n, False).astype(np.float64)
+    found = share(
+        lambda a: 4.0 * spread(weights, a), lambda x: mean(weights, x), own[:h, :h], goal[:n, :n]
+    )
+    return np.block([[found, found[:, ::-1]], [found[::-1], found[::-1, ::-1]]])
+
+
+def _solid_angles(n: int) -> Float64Array:
+    return texel_solid_angles(n) * (0.25 * n * n)
 
 
 def _matched(

@@ -10,12 +10,14 @@ from hypothesis import strategies as st
 from symmetry import rotations, turn_faces
 
 import glossy
+from glossy._gather import TAPS
 from glossy._jit import kernel
-from glossy.cubemap import face_directions, texel_directions
+from glossy.cubemap import face_directions, texel_directions, texel_solid_angles
 from glossy.pyramid import FILTERS
 from glossy.round_filter import EXACT
-from glossy.round_weights import DENSE, LARGEST, dense_weights, window_weights
-from glossy.seams import PAD
+from glossy.round_shares import RING, mean, share, spread
+from glossy.round_weights import DENSE, LARGEST, dense_weights, shares, window_weights
+from glossy.seams import fold_table
 from glossy.taps import k_tap_level, tap_constants, tap_level, tap_width, texel_angle
 
 FloatArray = npt.NDArray[np.floating]
@@ -130,27 +132,40 @@ def test_width_law(filter: str, level: float) -> None:
 # --- the gather -----------------------------------------------------------------------------------
 
 
+def padded(level: FloatArray) -> FloatArray:
+    """A level (6, n, n, C) with ``RING`` rings of its neighbours' texels, zero beyond corners."""
+    n = level.shape[1]
+    out = np.zeros((6, n + 2 * RING, n + 2 * RING, level.shape[3]))
+    inner = slice(RING, -RING)
+    out[:, inner, inner] = level
+    i = np.arange(n)
+    for face in range(6):
+        for edge in range(4):
+            other, far0, i0, d0, far1, i1, d1 = fold_table()[face, edge]
+            for d in range(RING):
+                row, col = far0 * (n - 1) + i0 * i + d0 * d, far1 * (n - 1) + i1 * i + d1 * d
+                at = (RING - 1 - d, RING + n + d)[edge % 2]
+                place = (inner, at) if edge < 2 else (at, inner)
+                out[(face, *place)] = level[other, row, col]
+    return out
+
+
 def naive_level(fine: FloatArray, deltas: bool) -> FloatArray:
-    """float64 twin: texel by texel from the padded level above (6, m + 4, m + 4, C)."""
-    n = (fine.shape[1] - 2 * PAD) // 2
+    """float64 twin: texel by texel from the level above (6, m, m, C)."""
+    n = fine.shape[1] // 2
     out = np.zeros((6, n, n, fine.shape[3]))
     if n <= DENSE:
-        inner = fine[:, PAD:-PAD, PAD:-PAD].astype(np.float64)
         weights = dense_weights(n, deltas).astype(np.float64)
-        return np.asarray((weights @ inner.reshape(-1, fine.shape[3])).reshape(out.shape))
+        return np.asarray((weights @ fine.reshape(-1, fine.shape[3])).reshape(out.shape))
+    source = padded(fine)
     weights = window_weights(min(n, LARGEST), deltas).astype(np.float64)
     entries = weights.shape[0]
     for row in range(n):
         for col in range(n):
             r, c = min(row, n - 1 - row), min(col, n - 1 - col)
             i, j = (k if k < EXACT else max(k * entries // (n // 2), EXACT) for k in (r, c))
-            w = weights[i, j]
-            top, left = max(2 * r - 1, 0), max(2 * c - 1, 0)
-            if row != r:
-                w, top = w[::-1], fine.shape[1] - 8 - top
-            if col != c:
-                w, left = w[:, ::-1], fine.shape[2] - 8 - left
-            window = fine[:, top : top + 8, left : left + 8]
+            w = weights[i, j, :: 1 if row == r else -1, :: 1 if col == c else -1]
+            window = source[:, 2 * row : 2 * row + TAPS, 2 * col : 2 * col + TAPS]
             out[:, row, col] = np.einsum("ij,fijc->fc", w, window)
     return out
 
@@ -159,7 +174,7 @@ def naive_level(fine: FloatArray, deltas: bool) -> FloatArray:
 def test_levels_agree_with_their_twin(size: int) -> None:
     pyramid = glossy.build_pyramid(random_cube(size), filter="round")
     for i in range(1, min(len(pyramid.levels), 6 if size < 512 else 2)):
-        expected = naive_level(pyramid._padded[i - 1], i == 1)[..., :3]
+        expected = naive_level(pyramid.levels[i - 1].astype(np.float64), i == 1)
         assert np.abs(pyramid.levels[i] - expected).max() <= ROUNDING
 
 
@@ -182,11 +197,63 @@ def test_turning_the_cube_turns_every_level() -> None:
 
 
 def test_weights_are_not_negative_and_sum_to_one() -> None:
-    for n in (8, 32):
+    for n in (16, 32):
         for deltas in (True, False):
             weights = window_weights(n, deltas)
             assert weights.min() >= 0.0
             assert np.abs(weights.sum(axis=(2, 3), dtype=np.float64) - 1.0).max() <= 1e-6
+
+
+# --- how much of level 0 the texels stand for -----------------------------------------------------
+
+
+@pytest.mark.parametrize(("level", "most"), [(1, 1.08), (2, 1.16), (3, 1.24)])
+def test_edges_are_not_counted_much_more_than_once(level: int, most: float) -> None:
+    """Integral over a level of a map that is lit along all edges, over that of the map.
+
+    Not 1: the crease of the law's width alone gives the Gaussians themselves 1.04, 1.08, 1.11.
+    """
+    lit = np.zeros((6, 64, 64, 3), dtype=np.float32)
+    lit[:, [0, -1]] = lit[:, :, [0, -1]] = 1.0
+    levels = glossy.build_pyramid(glossy.CubeMap(lit), filter="round").levels
+    total = [np.sum(a[..., 0] * texel_solid_angles(a.shape[1])) for a in (levels[0], levels[level])]
+    assert 0.95 <= total[1] / total[0] <= most
+
+
+def test_spread_is_the_transpose_of_mean() -> None:
+    weights = window_weights(16, False).astype(np.float64)
+    x, a = np.random.default_rng(3).random((16, 16)), np.random.default_rng(4).random((8, 8))
+    assert np.sum(a * mean(weights, x)) == pytest.approx(np.sum(spread(weights, a) * x), rel=1e-12)
+
+
+def test_mean_of_windows_is_that_of_the_pyramid() -> None:
+    """On a map with all symmetries of the cube."""
+    quarter = np.random.default_rng(5).random((16, 16))
+    quarter += quarter.T
+    face = np.block([[quarter, quarter[:, ::-1]], [quarter[::-1], quarter[::-1, ::-1]]])
+    cube = glossy.CubeMap(np.broadcast_to(face[..., None], (6, 32, 32, 3)))
+    level = glossy.build_pyramid(cube, filter="round").levels[1][4, :8, :8, 0]
+    got = mean(window_weights(16, True).astype(np.float64), quarter)
+    assert np.abs(got / level - 1.0).max() <= ROUNDING
+
+
+def test_shares_cover_a_line_evenly() -> None:
+    """Kernels on a circle whose width varies: column sums come out even."""
+    x = np.arange(64)
+    width = 3.0 + np.abs(x / 32.0 - 1.0)
+    distance = np.minimum(abs(x - x[:, None]), 64 - abs(x - x[:, None]))
+    kernels = np.exp(-0.5 * (distance / width[:, None]) ** 2)
+    kernels /= kernels.sum(axis=1, keepdims=True)
+    one = np.ones(64)
+    found = share(lambda a: a @ kernels, lambda v: kernels @ v, one, one)
+    assert np.abs(found @ kernels - 1.0).max() < 0.5 * np.abs(one @ kernels - 1.0).max()
+    assert found.sum() == pytest.approx(64.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("n", [1, 4, 16, 128])
+def test_shares_add_up_to_the_sphere(n: int) -> None:
+    assert 6.0 * shares(n).sum() * 4.0 / n**2 == pytest.approx(4.0 * np.pi, rel=1e-5)
+    assert shares(n).min() > 0.0
 
 
 # --- the law's inverse ----------------------------------------------------------------------------
