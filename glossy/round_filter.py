@@ -7,12 +7,15 @@ Windows reach ``RING`` texels beyond an edge, one more than the levels' rings: t
 edge are gathered from a strip with that many of the neighbour's.
 """
 
+from typing import Any
+
 import numba
 import numpy as np
 import numpy.typing as npt
 
 from ._gather import FACES, TAPS, gather, gather_mirrored
 from ._jit import Scalar, kernel, parallel_kernel
+from ._rows import copy_texel
 from .round_shares import RING
 from .round_weights import DENSE, LARGEST, dense_weights, window_weights
 from .seams import PAD, k_fill_seams
@@ -65,11 +68,11 @@ def _gather_row(
 
 
 @kernel
-def _texel(
-    level: Float32Array, table: Int64Array, face: Scalar, edge: Scalar, i: Scalar, d: Scalar
-) -> Float32Array:
-    """The texel ``i`` along an edge and ``d`` inside it, either beyond the edges or not."""
-    n = level.shape[1] - 2 * PAD
+def _place(n: Scalar, table: Int64Array, face: Scalar, edge: Scalar, i: Scalar, d: Scalar) -> Any:
+    """Where in a level of n the texel ``i`` along an edge and ``d`` inside it starts.
+
+    Either may lie beyond the face, not both.
+    """
     far, beyond = d < 0, (i < 0) | (i >= n)
     across = n - 1 - d if edge & 1 else d
     row, col = (i, across) if edge < 2 else (across, i)
@@ -82,8 +85,7 @@ def _texel(
         face = fold[0]
         row = fold[1] * (n - 1) + fold[2] * along + fold[3] * depth
         col = fold[4] * (n - 1) + fold[5] * along + fold[6] * depth
-    texel: Float32Array = level[face, row + PAD, col + PAD]
-    return texel
+    return ((face * (n + 2 * PAD) + row + PAD) * (n + 2 * PAD) + col + PAD) * 4
 
 
 @kernel
@@ -96,14 +98,21 @@ def _gather_ends(
     face, edge, width = group * FACES // 4, group * FACES % 4, m + 2 * RING
     strips = np.zeros((FACES, TAPS, width, 4), dtype=np.float32)
     found = np.empty((FACES, n, 4), dtype=np.float32)
+    source, target, flat, level = (
+        strips.reshape(-1), found.reshape(-1), weights.reshape(-1), fine.reshape(-1)
+    )  # fmt: skip
     for k in range(FACES):
         for d in range(-RING, TAPS - RING):
-            first, last = (0, m) if d < 0 else (-RING, m + RING)  # nothing beyond the corner
-            for i in range(first, last):
-                texel = _texel(fine, table, face, edge + k, i, d)
-                for c in range(4):
-                    strips[k, d + RING, i + RING, c] = texel[c]
-    source, target, flat = strips.reshape(-1), found.reshape(-1), weights.reshape(-1)
+            end = ((k * TAPS + d + RING) * width + RING) * 4
+            start = _place(m, table, face, edge + k, 0, d)
+            step = _place(m, table, face, edge + k, 1, d) - start
+            for i in range(m):
+                copy_texel(level, start + i * step, source, end + 4 * i)
+            for i in range(RING if d >= 0 else 0):  # nothing beyond the corner
+                start = _place(m, table, face, edge + k, -1 - i, d)
+                copy_texel(level, start, source, end - 4 * (i + 1))
+                start = _place(m, table, face, edge + k, m + i, d)
+                copy_texel(level, start, source, end + 4 * (m + i))
     for col in range(n // 2):
         at = _entry(col, shift) * (TAPS * TAPS)
         places = (8 * col, 4 * width, 4 * width * TAPS)

@@ -20,7 +20,7 @@ Wide taps follow the heat kernel, the Gaussian of the sphere: a variance v per a
 covariance (1 - exp(-3 v)) / 3 and shortens the mean direction to exp(-v).
 
 By (2) what the texels of the level above average is known, too, and S is taken from a chain that
-starts at size 4 ``LARGEST``; so a table depends on its size and on whether the level above is
+starts at size 2 ``LARGEST``; so a table depends on its size and on whether the level above is
 level 0, on nothing else.
 """
 
@@ -249,7 +249,7 @@ def _padded_texels(n: int, deltas: bool) -> Float64Array:
 
 @functools.lru_cache(maxsize=32)
 def window_weights(n: int, deltas: bool) -> Float32Array:
-    """Weights (n/2, n/2, 8, 8) of a quarter of each face of a level of n, 8 <= n <= ``LARGEST``.
+    """Weights (n/2, n/2, 8, 8) of a quarter of each face of a level of n, DENSE < n <= ``LARGEST``.
 
     ``deltas``: the level above is level 0. Texel (i, j) takes rows 2 i - ``RING`` and on, columns
     2 j - ``RING`` and on; the other quarters are mirrored.
