@@ -44,7 +44,7 @@ def points(count: int = 40, seed: int = 3, low: float = 0.05) -> SurfacePoints:
 def gauss_level(v: Array, a: float, b: float) -> Array:
     """Eqs. (5) and (6) of ``lattice.shade``."""
     one, base = 4.0 * a - b, 1.0 / 6.0
-    knee = 0.22 * one
+    knee = 0.5 * one
     fine = np.maximum((v - base) / (one - base) * (one + knee) / (v + knee), 0.0)
     u = np.maximum((v + b) / a, 1e-300)
     first = np.floor(0.5 * np.log2(u))

@@ -18,9 +18,9 @@ nearest (least squares) to one of variance u has the fraction ::
 
 a little more of the coarser level than equal variance has. Between levels 0 and 1, of variances
 v0 = 1/6 and v1, which differ by more than four, the mixture is measured to be best near
-log(v/v0) / log(v1/v0), for which stands ::
+log(v/v0) / log(v1/v0) for one tap, and a little finer where several share a lobe ::
 
-    f = (v - v0)/(v1 - v0) (v1 + k)/(v + k),   k = 0.22 v1                               (6)
+    f = (v - v0)/(v1 - v0) (v1 + k)/(v + k),   k = v1 / 2                               (6)
 
 Ours, from a prototype of a Gaussian
 lattice in the plane of directions; ``tiles`` holds the loop laid out for vector units.

@@ -17,7 +17,7 @@ FloatArray = npt.NDArray[np.floating]
 ZERO, HALF, ONE, TWO, FOUR = (np.float32(v) for v in (0.0, 0.5, 1.0, 2.0, 4.0))
 BASE = np.float32(1.0 / 6.0)  # variance of a tap of level 0
 SLACK, SCALE, THREE = np.float32(0.3), np.float32(40.0 / 9.0), np.float32(3.0)
-KNEE = np.float32(0.22)
+KNEE = np.float32(0.5)
 QUARTER, TINY = np.float32(0.25), np.float32(1e-30)
 INV_SQRT_2PI = np.float32(1.0 / math.sqrt(2.0 * math.pi))
 
