@@ -17,6 +17,7 @@ HEADINGS = {
     "bench_compare": "compare over it",
     "bench_fit": "over NumPy",
     "bench_latlong": "error of power",
+    "bench_lattice": "lattice over regular",
     "bench_pyramid": "over a copy",
     "bench_reference": "mitsuba over glossy",
     "bench_shade": "x llvmpipe",

@@ -22,8 +22,7 @@ log(v/v0) / log(v1/v0) for one tap, and a little finer where several share a lob
 
     f = (v - v0)/(v1 - v0) (v1 + k)/(v + k),   k = v1 / 2                               (6)
 
-Ours, from a prototype of a Gaussian
-lattice in the plane of directions; ``tiles`` holds the loop laid out for vector units.
+The method is ours; ``tiles`` holds the loop laid out for vector units.
 """
 
 import dataclasses

@@ -40,7 +40,7 @@ def k_gauss_level(variance: Scalar, a: Scalar, b: Scalar) -> Scalar:
 def k_view(wox: Scalar, woy: Scalar, mx: Scalar, my: Scalar) -> tuple[Scalar, Scalar]:
     """Where the view's azimuth lies among the columns of the table, in [0, 1], and k towards it."""
     flat = wox * wox + woy * woy
-    if flat <= TINY:
+    if mx == my or flat <= TINY:
         return ZERO * mx, mx
     x, y = np.sqrt(mx) * abs(wox), np.sqrt(my) * abs(woy)
     return y / (x + y), np.sqrt((mx * x * x + my * y * y) / flat)

@@ -146,16 +146,16 @@ def _place_tap(s: Float32Array, sign: Scalar, lobe: Float32Array) -> None:
         kept = (c > ZERO) & (iz > ZERO) & (oz > ZERO)
         s[HX + i], s[HY + i], s[HZ + i], s[COS + i] = hx, hy, hz, c
         s[LEVEL + i] = iz
-        s[GAIN + i] = weight if kept else ZERO
-    if alpha == ZERO:
+        s[GAIN + i] = weight * iz if kept else ZERO
+    if alpha == HALF:
         for i in range(T):
-            s[GAIN + i] = s[GAIN + i] * s[LEVEL + i]
-    elif alpha == HALF:
+            s[GAIN + i] = s[GAIN + i] / math.sqrt(max(s[LEVEL + i], TINY))
+    elif alpha == ONE:
         for i in range(T):
-            s[GAIN + i] = s[GAIN + i] * math.sqrt(max(s[LEVEL + i], TINY))
-    elif alpha != ONE:
+            s[GAIN + i] = s[GAIN + i] / max(s[LEVEL + i], TINY)
+    elif alpha != ZERO:
         for i in range(T):
-            power = k_exp2((ONE - alpha) * k_log2(max(s[LEVEL + i], TINY)))
+            power = k_exp2(-alpha * k_log2(max(s[LEVEL + i], TINY)))
             s[GAIN + i] = s[GAIN + i] * power
 
 
@@ -233,7 +233,7 @@ def shade_lattice_tiles(
         k_load_frames(s, start, count, vectors)
         for j in range(lobes.shape[0]):
             side = lobes[j, 4]
-            fresnel = r0[j, 0] != ONE or r0[j, 1] != ONE or r0[j, 2] != ONE
+            fresnel = side < ZERO or r0[j, 0] != ONE or r0[j, 1] != ONE or r0[j, 2] != ONE
             for i in range(16 * T):
                 s[PLAIN + i] = ZERO
             for i in range(2 * T):
@@ -251,19 +251,26 @@ def shade_lattice_tiles(
                 k_addresses(s, log_size, True)
                 k_addresses(s, log_size, False)
                 k_look_up(s, buffer, count, fresnel)
+            mx, my = ONE / lobes[j, 0], ONE / lobes[j, 1]
             for i in range(count):
-                p, oz = pixels[start + i], s[OZ + i]
-                if oz <= ZERO:
+                p, oz, total = pixels[start + i], s[OZ + i], s[SUM + i]
+                if oz <= ZERO or total == ZERO:
                     continue
-                azimuth, k = k_view(s[OX + i], s[OY + i], ONE / lobes[j, 0], ONE / lobes[j, 1])
+                azimuth, k = k_view(s[OX + i], s[OY + i], mx, my)
                 full = k_white(white[j], 0, azimuth, oz, k)
-                edge = k_edge(white[j], side, azimuth, oz, k) if fresnel else full
                 scale = k_view_scale(oz, k, lobes[j, 3])
+                if not fresnel:
+                    scale = scale * full / total
+                    for c in range(3):
+                        a = s[PLAIN + 8 * i + c] + s[PLAIN + 8 * i + 4 + c]
+                        out[p, c] += ks[j, c] * (scale * a)
+                    continue
+                edge = k_edge(white[j], side, azimuth, oz, k)
                 for c in range(3):
                     a = s[PLAIN + 8 * i + c] + s[PLAIN + 8 * i + 4 + c]
                     b = s[FRESNEL + 8 * i + c] + s[FRESNEL + 8 * i + 4 + c]
                     value = k_fresnel_white(r0[j, c], a, b, side)
-                    total = k_fresnel_white(r0[j, c], s[SUM + i], s[SUM_EDGE + i], side)
-                    if total > ZERO:
-                        share = ks[j, c] * scale * k_fresnel_white(r0[j, c], full, edge, side)
-                        out[p, c] += share * (value / total)
+                    sums = k_fresnel_white(r0[j, c], total, s[SUM_EDGE + i], side)
+                    if sums > ZERO:
+                        share = scale * k_fresnel_white(r0[j, c], full, edge, side)
+                        out[p, c] += ks[j, c] * (share * value / sums)
