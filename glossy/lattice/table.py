@@ -21,12 +21,13 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from ..albedo import lobe_albedo
+from ..albedo import unit_integrals
 from ..brdf import Lobe
 
 Float64Array = npt.NDArray[np.float64]
 
 DEGREE = 4
+NODES = 32  # a side of the quadrature: its error is below that of reading the table
 ROWS, COLUMNS = 65, 33  # nodes of the reflectivity over the view's elevation and azimuth
 
 
@@ -136,8 +137,8 @@ def reflectivity_table(mx: float, my: float, alpha: float) -> Float64Array:
     c = np.clip(0.5 * (np.sqrt(b * b + 8.0 * x * k) - b), 1e-6, 1.0)
     s = np.sqrt((1.0 - c) * (1.0 + c))
     wo = np.stack([s * np.cos(phi), s * np.sin(phi), c], axis=-1)
-    both = lobe_albedo(Lobe(mx, my, alpha=alpha, r0=[1.0, 0.0, 0.0]), wo)
-    full, edge = both[..., 0], both[..., 1]
+    parts = unit_integrals(wo.reshape(-1, 3), mx, my, alpha, NODES).reshape(ROWS, columns, 3)
     scale = (c + k) ** (1.0 - alpha) * c**-alpha
-    parts = [full / scale, (np.maximum(edge, 0.0) / scale) ** 0.2, (full - edge) / scale]
-    return np.asarray(np.stack(parts, axis=-1))
+    parts = np.maximum(parts, 0.0) / scale[..., None]
+    parts[..., 1] **= 0.2
+    return np.asarray(parts)
