@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     )
     from .pattern import Pattern, importance_pattern, pattern_for_budget, regular_pattern
     from .planes import BoundingPlanes
+    from .planning.plan import plan
     from .pyramid import Pyramid, build_pyramid
     from .reference import Truth, reference, reference_passes
     from .scene import load_scene
@@ -88,6 +89,7 @@ _WHERE = {
     "material_names": "materials",
     "measured_material": "measured.material",
     "pattern_for_budget": "pattern",
+    "plan": "planning.plan",
     "psnr": "metrics",
     "read_environment": "environment",
     "read_gbuffer": "gbuffer",
@@ -148,6 +150,7 @@ __all__ = [
     "material_names",
     "measured_material",
     "pattern_for_budget",
+    "plan",
     "psnr",
     "read_environment",
     "read_gbuffer",

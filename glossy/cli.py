@@ -20,6 +20,7 @@ COMMANDS = (
     "study",
     "trace",
     "pattern",
+    "plan",
     "environment",
     "fit",
     "material",

@@ -25,6 +25,7 @@ METHODS = {
     "bent": "glossy.splitsum.shade:bent",
     "axis-taps": "glossy.splitsum.shade:axis_taps",
     "lattice": "glossy.lattice.shade:lattice",
+    "auto": "glossy.planning.auto:auto",
 }
 
 PYRAMID = "glossy.pyramid:build_pyramid"
@@ -36,6 +37,10 @@ TAPS = {
     "lattice": "glossy.lattice.table:tap_count",
 }
 """How many taps a method takes for (lobe, samples), where that is not ``samples``."""
+
+
+PLANNED = {"auto": "glossy.planning.auto:tap_counts"}
+"""Taps of each lobe for (material, prepared, own options), where the method itself chooses them."""
 
 
 def _load(place: str) -> Callable[..., Any]:
@@ -71,6 +76,12 @@ def tap_count(name: str, lobe: Any, samples: int) -> int:
     if name in TAPS:
         return int(_load(TAPS[name])(lobe, samples))
     return samples if "samples" in options(name) else 1
+
+
+def planned_counts(name: str, material: Any, prepared: Any, given: Mapping[str, Any]) -> list[int]:
+    """Taps of each lobe by a method of ``PLANNED``."""
+    own = {k: v for k, v in given.items() if k != "precision"}
+    return list(_load(PLANNED[name])(material, prepared, **own))
 
 
 def options(name: str) -> dict[str, Any]:

@@ -213,7 +213,11 @@ def render_scene(scene: Scene) -> Rendering:
         **options,
     )
     clock.lap("shade")
-    threshold = options.get("threshold", known.get("threshold", 0.1))
+    if scene.method in methods.PLANNED:
+        taps = methods.planned_counts(scene.method, material, prepared, options)
+    else:
+        threshold = options.get("threshold", known.get("threshold", 0.1))
+        taps = actual_samples(material, scene.method, scene.samples, threshold)
     return Rendering(
         image=with_background(scene, cube, image, points.coverage),
         seen=points.coverage,
@@ -221,7 +225,7 @@ def render_scene(scene: Scene) -> Rendering:
         environment=scene.environment.source,
         size=cube.size,
         method=scene.method,
-        samples=actual_samples(material, scene.method, scene.samples, threshold),
+        samples=taps,
         options={**preparation, **options},
         seconds=clock.seconds,
     )

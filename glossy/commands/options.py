@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 METHOD_OPTIONS = (
     "threshold", "filter", "footprint", "normalisation", "estimator", "kind", "bias", "precision",
+    "max_error",
 )  # fmt: skip
 
 
@@ -91,6 +92,9 @@ def add_method_arguments(parser: argparse.ArgumentParser) -> None:
         "--kind", metavar="NAME", help="thesis: auto, ring, line, multi-ring or blend (auto)"
     )
     group.add_argument("--bias", type=float, metavar="B", help="added to the level (default 0)")
+    group.add_argument(
+        "--max-error", type=float, metavar="X", help="auto: accepted relative RMS error (0.05)"
+    )
     group.add_argument("--precision", choices=("single", "double"), help="arithmetic (single)")
 
 
