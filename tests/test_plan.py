@@ -98,7 +98,7 @@ def test_a_plan_is_kept_until_the_map_changes(monkeypatch: pytest.MonkeyPatch) -
     pyramid = glossy.build_pyramid(glossy.environment("white", size=16))
     lobe = glossy.Material(reflection=[glossy.Lobe(0.2)])
     made = []
-    plan = planning_auto.plan
+    plan = glossy.plan
 
     def counted(*args: Any, **options: Any) -> Any:
         made.append(args)
