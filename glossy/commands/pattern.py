@@ -6,6 +6,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ..brdf import Lobe, Material
     from ..pattern import Pattern, Widths
 
 PICTURES = (".png", ".pdf", ".svg")
@@ -14,11 +15,12 @@ OWN = {
     "regular": ("samples", "circles", "spacing", "threshold"),
     "importance": ("samples",),
     "thesis": ("samples", "kind", "threshold"),
+    "lattice": ("samples", "elongation"),
 }
 """The arguments that mean something to each method."""
 
 SHADERS = ("glsl", "hlsl", "wgsl")
-SHADER_OPTIONS = ("footprint", "estimator", "normalisation", "bias", "name")
+SHADER_OPTIONS = ("footprint", "estimator", "normalisation", "bias", "filter", "name")
 
 EXAMPLE = """\
 examples:
@@ -27,6 +29,7 @@ examples:
   glossy pattern --mx 0.15 --circles 3 --spacing s1 -o pattern.json --plot pattern.png
   glossy pattern --mx 0.15 --method importance --samples 40 -o pattern.wgsl
   glossy pattern --mx 0.01 --my 0.14 --method thesis --kind line --samples 7
+  glossy pattern --mx 0.2 --my 0.05 --method lattice --filter round --format glsl
 """
 
 
@@ -55,7 +58,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         type=int,
         metavar="N",
         help="regular: the nearest count there is (default 20); others: exact (importance 40, "
-        "thesis 7)",
+        "thesis 7, lattice 14: nearest)",
     )
     parser.add_argument("--circles", type=int, metavar="N", help="regular: instead of --samples")
     parser.add_argument(
@@ -73,6 +76,12 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="thesis: the arrangement (default auto: ring, or line for long lobes)",
     )
     parser.add_argument(
+        "--elongation",
+        type=float,
+        metavar="E",
+        help="lattice: of the lobe as a pixel sees it (default: along the normal)",
+    )
+    parser.add_argument(
         "--format", choices=FORMATS, help="default: the suffix of the output file, else json"
     )
     shader = parser.add_argument_group("shader (glsl, hlsl, wgsl)")
@@ -80,6 +89,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     shader.add_argument("--estimator", metavar="EQ", help="thesis: 4.23, 4.24 or 4.25 (default)")
     shader.add_argument("--normalisation", metavar="NAME", help="regular: paper or projected")
     shader.add_argument("--bias", type=float, metavar="B", help="added to the level (default 0)")
+    shader.add_argument("--filter", metavar="NAME", help="lattice: of the levels (default gauss6)")
     shader.add_argument("--name", help="start of every name in the shader (default glossy)")
     parser.add_argument("-o", "--output", metavar="FILE", help="default: standard output")
     parser.add_argument("--plot", metavar="FILE", help="picture, .png, .pdf or .svg")
@@ -95,6 +105,8 @@ def run(args: argparse.Namespace) -> int:
     given = {k: getattr(args, k) for k in SHADER_OPTIONS if getattr(args, k) is not None}
     if given and form not in SHADERS:
         raise ValueError(f"--{next(iter(given))}: has no meaning with --format {form}")
+    if args.method == "lattice":
+        return _lattice(args, form, given)
     lobes = _lobes(args)
     if len(lobes) != 1 and (form not in SHADERS or args.plot is not None):
         rule = f"{form} holds the pattern" if form not in SHADERS else "--plot draws the pattern"
@@ -133,12 +145,62 @@ def _lobes(args: argparse.Namespace) -> "list[Widths]":
 def _shader(
     args: argparse.Namespace, form: str, patterns: "list[Pattern]", given: dict[str, Any]
 ) -> str:
-    from ..brdf import Lobe
     from ..export.shader import export_shader
+
+    return export_shader(
+        _material(args), form, args.method, pattern=patterns, path=args.output, **given
+    )
+
+
+def _lattice(args: argparse.Namespace, form: str, given: dict[str, Any]) -> int:
+    """Taps for one elongation, or the shader, which holds those for every one."""
+    _check_foreign(args)
+    samples = 14 if args.samples is None else args.samples
+    from ..lattice import pattern
+
+    if args.plot is not None:
+        pattern.plot(samples, _elongation(args), args.plot)
+    if form not in SHADERS:
+        text = pattern.export(samples, _elongation(args), form, args.output)
+    else:
+        if args.elongation is not None and args.plot is None:
+            raise ValueError(f"--elongation: has no meaning with --format {form}")
+        from ..export.shader import export_shader
+
+        _lobes(args)
+        given = {"samples": samples, **given}
+        text = export_shader(_material(args), form, "lattice", path=args.output, **given)
+    if args.output is None:
+        sys.stdout.write(text)
+    else:
+        print(f"{args.output}: lattice, {form}")
+    return 0
+
+
+def _elongation(args: argparse.Namespace) -> float:
+    if args.elongation is not None:
+        return float(args.elongation)
+    lobes = _lobes(args)
+    if len(lobes) != 1:
+        raise ValueError(f"--material: give --elongation, {args.material} has {len(lobes)} lobes")
+    from ..pattern import widths_of
+
+    mx, my = widths_of(lobes[0])
+    return max(mx, my) / min(mx, my)
+
+
+def _material(args: argparse.Namespace) -> "Lobe | Material":
+    from ..brdf import Lobe
     from ..materials import parse_material
 
-    what = Lobe(args.mx, args.my) if args.material is None else parse_material(args.material)
-    return export_shader(what, form, args.method, pattern=patterns, path=args.output, **given)
+    return Lobe(args.mx, args.my) if args.material is None else parse_material(args.material)
+
+
+def _check_foreign(args: argparse.Namespace) -> None:
+    names = {name for own in OWN.values() for name in own} - set(OWN[args.method])
+    for name in sorted(names):
+        if getattr(args, name) is not None:
+            raise ValueError(f"--{name}: has no meaning with --method {args.method}")
 
 
 def _make(args: argparse.Namespace, lobe: "Widths") -> "Pattern":
@@ -150,9 +212,7 @@ def _make(args: argparse.Namespace, lobe: "Widths") -> "Pattern":
         for name in ("samples", "circles", "spacing", "threshold", "kind")
         if getattr(args, name) is not None
     }
-    foreign = [name for name in options if name not in OWN[args.method]]
-    if foreign:
-        raise ValueError(f"--{foreign[0]}: has no meaning with --method {args.method}")
+    _check_foreign(args)
     if args.method == "thesis":
         return thesis_pattern(lobe, **options)
     if args.method == "importance":

@@ -16,6 +16,7 @@ TEXELS: dict[str, Equation] = {
     "thesis": ("texels = A N^2 / (4 n) d^3", "(6)", "thesis eqs. 4.14-4.17"),
     "jacobian": ("texels = 4 (wi.wh) cell N^2 / 4 d^3", "(6)", ""),
 }
+LEVEL: Equation = ("level = log2(texels) / 2 + bias", "(7)", "")
 CODE = {
     "paper": "spread * d / cosH",
     "thesis": "spread * (d * d * d)",

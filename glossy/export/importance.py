@@ -3,7 +3,8 @@
 import numpy as np
 
 from ..pattern import Pattern, distribution, importance_pattern
-from .footprints import SIZE, bias_constant, lookup
+from .footprints import LEVEL, SIZE, bias_constant, lookup
+from .tables import made_by
 from .template import Equation, Part, ShaderLobe
 
 EQUATIONS: list[Equation] = [
@@ -11,6 +12,7 @@ EQUATIONS: list[Equation] = [
     ("L = 1/n sum L_mip(wi, level) f (wi.n) / p", "", "paper eq. 9"),
     ("  = ks / n sum L_mip F (wi.n) / (wh.n) / ((wi.n) (wo.n))^alpha", "(5)", ""),
     ("texels = N^2 / 4 d^3 / (n p) = (wi.wh) cell N^2 d^3", "(6)", "Colbert, Krivanek 2007"),
+    LEVEL,
 ]
 
 
@@ -21,14 +23,16 @@ def equations(**_: object) -> list[Equation]:
 
 def part(
     lobe: ShaderLobe, *, samples: int = 20, bias: float = 0.0, pattern: Pattern | None = None
-) -> tuple[Pattern, Part]:
-    """The pattern of one lobe, and its function; options as in ``glossy.shade``."""
+) -> Part:
+    """The function of one lobe; options as in ``glossy.shade``."""
     own = pattern or importance_pattern(lobe.lobe, samples=samples)
     h = own.half_vectors
     with np.errstate(divide="ignore"):
         cell = 1.0 / (len(h) * distribution(h, *lobe.lobe.widths) * h[:, 2])
     taps = np.column_stack([h, cell])
-    return own, Part(
+    return Part(
+        made_by(own),
+        len(own),
         [("TAPS", taps, "wh (t, b, n), cell = 1 / (n p_h) [sr]"), bias_constant(bias)],
         horizon="adds nothing, counts in n",
         before=[SIZE, "var sum: vec3<f32> = vec3<f32>(0.0, 0.0, 0.0);"],

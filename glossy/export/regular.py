@@ -5,7 +5,8 @@ import numpy as np
 from .. import _check
 from ..pattern import Float64Array, Pattern, distribution, pattern_for_budget
 from ..shading import NORMALISATIONS
-from .footprints import TEXELS, level
+from .footprints import LEVEL, TEXELS, level
+from .tables import made_by
 from .template import Constant, Equation, Part, ShaderLobe
 
 MEANS: dict[str, Equation] = {
@@ -22,7 +23,7 @@ def equations(
     *, footprint: str = "paper", normalisation: str = "paper", **_: object
 ) -> list[Equation]:
     """What the head of the shader says of the estimate and of the level."""
-    return [MEANS[normalisation], *ESTIMATE, TEXELS[footprint]]
+    return [MEANS[normalisation], *ESTIMATE, TEXELS[footprint], LEVEL]
 
 
 def part(
@@ -34,15 +35,17 @@ def part(
     normalisation: str = "paper",
     bias: float = 0.0,
     pattern: Pattern | None = None,
-) -> tuple[Pattern, Part]:
-    """The pattern of one lobe, and its function; options as in ``glossy.shade``."""
+) -> Part:
+    """The function of one lobe; options as in ``glossy.shade``."""
     _check.choice("normalisation", normalisation, NORMALISATIONS)
     own = pattern or pattern_for_budget(lobe.lobe, samples=samples, threshold=threshold)
     how = level(lobe, own, footprint, threshold, bias)
     d = distribution(own.half_vectors, *lobe.lobe.widths)
     density, constants = _densities(own, d, normalisation)
     taps = np.column_stack([own.half_vectors, d])
-    return own, Part(
+    return Part(
+        made_by(own),
+        len(own),
         [*constants, ("TAPS", taps, "wh (t, b, n), D(wh) [1/sr]"), *how.constants],
         horizon="adds nothing, counts in n",
         before=[*how.before, "var sum: vec3<f32> = vec3<f32>(0.0, 0.0, 0.0);"],

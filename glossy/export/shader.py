@@ -18,12 +18,11 @@ from .. import _check
 from .._version import __version__
 from ..brdf import Lobe, Material
 from ..methods import METHODS
-from ..pattern import Pattern
 from ..planes import BoundingPlanes
 from ..shading import Patterns, patterns_of
-from . import importance, regular, thesis
+from . import importance, lattice, regular, thesis
 from .languages import LANGUAGES, Language
-from .tables import made_by, write
+from .tables import write
 from .template import (
     BLENDED,
     FACE_SIZE,
@@ -37,13 +36,14 @@ from .template import (
     lines,
 )
 
-SHARED = ("estimator", "footprint", "normalisation", "bias")
+SHARED = ("estimator", "footprint", "normalisation", "bias", "filter")
 """Options of a method that are the same for every lobe and no part of its pattern."""
 
 EXPORTS: Mapping[str, ModuleType] = {
     "regular": regular,
     "importance": importance,
     "thesis": thesis,
+    "lattice": lattice,
 }
 """Methods that can be a shader. A module has ``part`` and ``equations``."""
 
@@ -74,7 +74,6 @@ MIRRORED: Equation = (
     "",
     "thesis eq. 3.5",
 )
-LEVEL: Equation = ("level = log2(texels) / 2 + bias", "(7)", "")
 
 
 def export_shader(
@@ -95,7 +94,7 @@ def export_shader(
     material : Material, or a Lobe alone
         Its glossy lobes; the diffuse term needs no pattern and is left to the shader.
     language : "glsl" (3.30 and later, ES 3.00), "hlsl" (Shader Model 4 and later) or "wgsl"
-    method : "regular", "importance" or "thesis"
+    method : "regular", "importance", "thesis" or "lattice"
     name : str
         First part of every name in the text, so that several can stand in one shader.
     path : str or Path, optional
@@ -106,7 +105,8 @@ def export_shader(
         position too, world coordinates, as its last argument.
     **options
         The method's own, as in ``glossy.shade``; those of the emulated sampler and of the
-        arithmetic have no meaning here.
+        arithmetic have no meaning here. ``lattice`` also takes ``filter``, the name of the filter
+        that the levels are made with (default "gauss6").
 
     Returns
     -------
@@ -137,17 +137,19 @@ def export_shader(
         raise _check.fail("material", "must have a glossy lobe with ks > 0", whole)
     if parallax is not None and parallax.footprint != "thesis":
         raise _check.fail("parallax", "must have footprint 'thesis' as a shader", parallax)
-    made = [
-        module.part(lobe, pattern=own, **options)
-        for lobe, own in zip(lobes, patterns_of(pattern, len(lobes)), strict=True)
-    ]
+    given: list[dict[str, Any]] = [{} for _ in lobes]
+    if pattern is not None:
+        if "pattern" not in known:
+            raise _check.fail("pattern", f"is no option of method {method!r} as a shader", pattern)
+        given = [{"pattern": own} for own in patterns_of(pattern, len(lobes))]
+    made = [module.part(lobe, **own, **options) for lobe, own in zip(lobes, given, strict=True)]
     mirrored = [MIRRORED] if whole.transmission else []
     head = HEAD.format(
         version=__version__,
         diffuse=", its diffuse part left out" if whole.diffuse.any() else "",
         method=method,
         options=", ".join(f"{k} {v}" for k, v in {**known, **options}.items() if k in SHARED),
-        equations=_equations([*EQUATIONS, *mirrored, *module.equations(**options), LEVEL]),
+        equations=_equations([*EQUATIONS, *mirrored, *module.equations(**options)]),
     )
     text = "\n".join([*_comment(head), *_body(target, name, lobes, made, parallax)])
     write(text, path)
@@ -174,7 +176,7 @@ def _body(
     language: Language,
     name: str,
     lobes: list[ShaderLobe],
-    made: list[tuple[Pattern, Part]],
+    made: list[Part],
     planes: BoundingPlanes | None,
 ) -> list[str]:
     """Constants, helpers and functions, in the order in which they must be declared."""
@@ -197,12 +199,12 @@ def _body(
         if planes.width:
             constants.append(language.declare(f"{name.upper()}_BLEND", planes.width))
             nearest = BLENDED
-    for index, (lobe, (pattern, part)) in enumerate(zip(lobes, made, strict=True), start=1):
+    for index, (lobe, part) in enumerate(zip(lobes, made, strict=True), start=1):
         prefix = f"{name.upper()}{index}"
         side = "transmission" if lobe.side < 0.0 else "reflection"
         title = f"// Lobe {index}: {side}, mx = {lobe.lobe.mx:g}, my = {lobe.lobe.my:g}."
-        constants += ["", title, f"// Pattern: {made_by(pattern)}."]
-        constants.append(language.declare(f"{prefix}_SIZE", len(pattern)) + "  // n")
+        constants += ["", title, f"// Pattern: {part.origin}."]
+        constants.append(language.declare(f"{prefix}_SIZE", part.size) + "  // n")
         for key, value, meaning in [*lobe.constants(), *part.constants]:
             line = language.declare(f"{prefix}_{key}", value)
             beside = f"{line}  // {meaning}"

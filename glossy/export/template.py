@@ -28,7 +28,7 @@ fn ${name}Lobe${index}(
 ) -> vec3<f32> {
 ${before}
     for (var k: i32 = 0; k < ${C}_SIZE; k++) {
-        let wh: vec3<f32> = ${C}_TAPS[k].xyz;
+${place}
         let cosH: f32 = dot(wo, wh);
         let wi: vec3<f32> = 2.0 * cosH * wh - wo;  // (1)
         if (cosH <= 0.0 || wi.z <= 0.0) {
@@ -104,6 +104,24 @@ fn ${name}FresnelRest(r0: vec3<f32>, wi: vec3<f32>, wo: vec3<f32>, cosH: f32) ->
 }
 """
 
+GAUSS_LEVEL = """\
+// Level whose trilinear tap is closest to a round Gaussian of variance v, in texels of level 0
+// squared. A tap of level l > 0 has the variance a 4^l - b, of level 0 1/6; the mixture of two
+// levels nearest (least squares) to it has a little more of the coarser one than equal variance.
+fn ${name}GaussLevel(v: f32, a: f32, b: f32, bend: f32) -> f32 {
+    let one: f32 = 4.0 * a - b;
+    if (v < one) {
+        let knee: f32 = bend * one;
+        let share: f32 = (v - 1.0 / 6.0) / (one - 1.0 / 6.0);
+        return max(share * (one + knee) / (v + knee), 0.0);
+    }
+    let scaled: f32 = (v + b) / a;
+    let first: f32 = floor(0.5 * log2(scaled));
+    let u: f32 = scaled * exp2(-2.0 * first);
+    return first + (0.3 - 3.0 / ((u + 4.0) * (u + 1.0))) * (40.0 / 9.0);
+}
+"""
+
 REDIRECT = """\
 // A ray w from the surface point x as it is looked up from the centre c of the cube map: it meets
 // the bounding plane through p with normal n at the distance 1 / q (thesis section 4.4.1),
@@ -130,6 +148,7 @@ HELPERS = {
     "LobeArea": LOBE_AREA,
     "Fresnel": FRESNEL,
     "FresnelRest": FRESNEL_REST,
+    "GaussLevel": GAUSS_LEVEL,
     "Redirect": REDIRECT,
 }
 
@@ -180,15 +199,19 @@ class ShaderLobe:
 class Part:
     """One lobe as a method writes it: its constants, and the slots of ``LOBE``.
 
-    ``horizon`` says what becomes of samples below it; ``before`` the loop over the samples, ``tap``
-    in it, ``after`` it.
+    ``origin`` says where its ``size`` samples come from, ``horizon`` what becomes of those below
+    it; ``before`` the loop over the samples, ``place`` (which ends in ``wh``) and ``tap`` in it,
+    ``after`` it.
     """
 
+    origin: str
+    size: int
     constants: list[Constant]
     horizon: str
     before: Sequence[str]
     tap: Sequence[str]
     after: Sequence[str]
+    place: Sequence[str] = ("let wh: vec3<f32> = ${C}_TAPS[k].xyz;",)
 
     def function(self, side: float, parallax: bool) -> str:
         """The lobe's function, its names still open."""
@@ -201,6 +224,7 @@ class Part:
             ]
         return string.Template(LOBE).safe_substitute(
             horizon=self.horizon,
+            place=lines(self.place, 2),
             direction=lines(direction, 2),
             position=POSITION if parallax else "",
             before=lines(self.before, 1),
@@ -211,4 +235,4 @@ class Part:
 
 def lines(items: Sequence[str], depth: int) -> str:
     """Lines of code, indented ``depth`` times."""
-    return "\n".join("    " * depth + item for item in items)
+    return "\n".join(f"{'    ' * depth}{item}".rstrip() for item in items)

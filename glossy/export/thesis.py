@@ -6,7 +6,8 @@ from .. import _check
 from ..pattern import Pattern, distribution
 from ..thesis import ESTIMATORS
 from ..thesis_pattern import thesis_pattern
-from .footprints import TEXELS, level
+from .footprints import LEVEL, TEXELS, level
+from .tables import made_by
 from .template import Equation, Part, ShaderLobe
 
 MEAN: tuple[Equation, ...] = (
@@ -23,7 +24,7 @@ SHARES = {"4.23": "density", "4.24": "density * wi.z", "4.25": "density * weight
 
 def equations(*, footprint: str = "thesis", estimator: str = "4.25", **_: object) -> list[Equation]:
     """What the head of the shader says of the estimate and of the level."""
-    return [*MEAN, WEIGHTS[estimator], TEXELS[footprint]]
+    return [*MEAN, WEIGHTS[estimator], TEXELS[footprint], LEVEL]
 
 
 def part(
@@ -36,8 +37,8 @@ def part(
     footprint: str = "thesis",
     bias: float = 0.0,
     pattern: Pattern | None = None,
-) -> tuple[Pattern, Part]:
-    """The pattern of one lobe, and its function; options as in ``glossy.shade``.
+) -> Part:
+    """The function of one lobe; options as in ``glossy.shade``.
 
     The weights w are scaled by factors of the pattern and of the pixel, which cancel, so that
     single precision holds them.
@@ -58,7 +59,9 @@ def part(
     else:
         type_, result = "f32", "max(norm, 1e-30)"
         before.append("var norm: f32 = 0.0;")
-    return own, Part(
+    return Part(
+        made_by(own),
+        len(own),
         [("TAPS", taps, "wh (t, b, n), D(wh) (wh.n) over its largest"), *how.constants],
         horizon="left out of both sums",
         before=[*how.before, *before],

@@ -17,6 +17,9 @@ move wi by J, the differential of the reflection, whose area factor is 4 (wo.wh)
 axes s1 >= s2 of J C J^T and their images in slopes, columns of J^-1 U, carry the taps::
 
     s = mean + x1 g1 + x2 g2,   [g1 g2] = J^-1 U diag(s1, s2)                            (4)
+
+A round lobe has no axes: rounding would turn them. So that a round lobe along the normal has the
+surface's, the first axis of J counts as longer by a thousandth of the smaller variance.
 """
 
 import math
@@ -28,6 +31,7 @@ from .._jit import Scalar, kernel
 ZERO, HALF, ONE, TWO, FOUR = (np.float32(v) for v in (0.0, 0.5, 1.0, 2.0, 4.0))
 TINY = np.float32(1e-30)
 GRAZING = np.float32(1e-6)
+NUDGE = np.float32(1e-3)
 FAR = np.float32(12.0)  # standard deviations beyond which a Gaussian is cut
 INV_SQRT_2PI = np.float32(1.0 / math.sqrt(2.0 * math.pi))
 P = np.float32(0.2316419)  # Abramowitz and Stegun 26.2.17, absolute error below 7.5e-8
@@ -108,11 +112,12 @@ def k_lobe_axes(
     s11 = j11 * j11 * cxx + TWO * j11 * j12 * cxy + j12 * j12 * cyy
     s12 = j22 * (j11 * cxy + j12 * cyy)
     s22 = j22 * j22 * cyy
-    difference = s11 - s22
+    area = j11 * j22
+    square = area * area * det
+    difference = s11 - s22 + NUDGE * square / (s11 + s22)
     gap = math.sqrt(difference * difference + FOUR * s12 * s12)
     major = HALF * (s11 + s22 + gap)
-    area = j11 * j22
-    minor = area * area * det / major
+    minor = square / major
     u = gap + difference if difference >= ZERO else TWO * s12  # along the first axis
     v = TWO * s12 if difference >= ZERO else gap - difference
     u = u if gap > ZERO else ONE
