@@ -50,7 +50,6 @@ CASES: dict[str, tuple[glossy.Material | glossy.Lobe, str, dict[str, Any]]] = {
     "thesis 4.24": (FOIL, "thesis", {"estimator": "4.24", "footprint": "jacobian"}),
     "lattice": (RGB_LOBE, "lattice", {"samples": 9, "bias": -0.25}),
     "lattice, white": (glossy.Lobe(0.02, 0.3), "lattice", {"samples": 8}),
-    "lattice, wide": (glossy.Lobe(2.0, 0.5, r0=0.04, alpha=1.0), "lattice", {"samples": 5}),
     "lattice, round": (FOIL, "lattice", {"samples": 7}),
     "lattice, one": (WHITE, "lattice", {"samples": 3}),
     "table with its cells": (WHITE, "regular", {"pattern": TABLE, "footprint": "jacobian"}),

@@ -223,5 +223,6 @@ def _scaled(lobe: ShaderLobe, kind: str, beta: float, long: bool) -> list[str]:
         *read,
         *RESULT[kind],
         f"let light: vec3<f32> = sum / max(norm, {least});",
-        f"return ${{C}}_KS * ({size}) * reflectivity * light;  // (5)",
+        f"let strength: f32 = {size};",
+        "return ${C}_KS * strength * reflectivity * light;  // (5)",
     ]
