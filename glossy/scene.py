@@ -194,6 +194,9 @@ def _names(kind: type) -> list[str]:
 
 
 def _parse(data: Mapping[str, Any], folder: pathlib.Path) -> Scene:
+    for key in ("planes", "lights", "materials", "bake", "capture"):
+        if key in data:
+            raise ValueError(f"{key}: is for a scene of objects, which has [[objects]]")
     _known(
         "", data, ("environment", "material", "shape", "camera", "gbuffer", "background", "method")
     )

@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import os
 import pathlib
 import re
 from typing import Any
@@ -33,7 +34,9 @@ def _study() -> Any:
 @pytest.fixture(name="place", scope="module")
 def _place(study: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     """The test object in a room baked coarsely, away from the user's cache."""
-    with pytest.MonkeyPatch.context() as patch:
+    base = os.environ.get("XDG_CACHE_HOME") or str(pathlib.Path.home() / ".cache")
+    with pytest.MonkeyPatch.context() as patch:  # kernels stay where they are
+        patch.setenv("NUMBA_CACHE_DIR", os.environ.get("NUMBA_CACHE_DIR") or base)
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         yield study.Place(20, coarse=True)
 

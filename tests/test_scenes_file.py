@@ -128,7 +128,11 @@ def test_a_file_is_what_it_says(tmp_path: pathlib.Path) -> None:
         ("size = [4, 4]", "size = [4]", r"objects\[0\]\.shape\.size: must be two finite"),
         ("scale = [1, 2, 1]", "scale = 0", r"objects\[2\]\.scale: must be three finite numbers"),
         ("scale = [1, 2, 1]", "spin = 0", r"objects\[2\]\.spin: unknown key"),
-        ('material = "grey"', 'material = "gray"', r"objects\[0\]\.material: .*\(grey, shiny\)"),
+        ('material = "grey"', 'material = "gray"',
+         r"objects\[0\]\.material: no material 'gray'; .*\(grey, shiny\)"),
+        ('kind = "rectangle", size = [4, 4], one_sided = true',
+         'kind = "mesh", file = "scene.toml"',
+         r"objects\[0\]\.checker: is not for a mesh"),
         ("mx = 0.2, r0", "mx = -0.2, r0", r"materials\.shiny: reflection\[0\]: mx: must be"),
         ("samples = 9", "bend = 9", r"objects\[1\]\.method\.bend: is no option of method"),
         ('name = "importance"', 'name = "magic"', r"objects\[1\]\.method\.name: must be one of"),
@@ -330,3 +334,19 @@ def test_the_scenes_that_come_along_load(name: str) -> None:
         wanted = {"chrome", "lacquer", "plastic", "porcelain", "white foil", "frosted glass"}
         assert wanted <= set(names)
         assert any(re.search("alumin", n) for n in names)
+
+
+def test_planes_refuse_a_method_without_tables_before_anything_is_baked(
+    tmp_path: pathlib.Path,
+) -> None:
+    scene = load(tmp_path, ROOM.replace('name = "importance"', 'name = "split-sum"'))
+    with pytest.raises(ValueError, match=r"method\.name: must be one of .* with \[\[planes\]\]"):
+        render_objects(scene)
+    assert not (tmp_path / "cache").exists()
+
+
+@pytest.mark.parametrize("key", ["planes", "lights"])
+def test_a_picture_of_one_shape_has_no_parts_of_a_scene(tmp_path: pathlib.Path, key: str) -> None:
+    path = write(tmp_path, f"[[{key}]]\n")
+    with pytest.raises(ValueError, match=rf"{key}: is for a scene of objects"):
+        load_scene(path)

@@ -27,9 +27,11 @@ def _states(
     limits, seed = _limits(args), args.seed or 0
     objects = options.object_scene_from(args)
     if objects is not None:
+        from ..scenes.bounds import check_planes
         from ..scenes.converge import converge_objects
         from ..scenes.prepared import prepare
 
+        check_planes(objects)
         prepared = prepare(objects, True, bool(args.update), options.bar())
         found = converge_objects(prepared, limits, MOST_SAMPLES, seed)
         return found.view.seen, found.states, lambda image: image, {"method": objects.method}

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 from ..converge import SAMPLES, Convergence, Limits, Pass, accumulate
 from ..reference import reference_passes
-from .bounds import bounding_planes
+from .bounds import bounding_planes, check_planes
 from .prepared import PreparedScene
 from .render import View, shade_part, view
 
@@ -54,6 +54,7 @@ def converge_objects(
     ValueError
         As ``render_objects`` and ``reference_objects``.
     """
+    check_planes(prepared.scene)
     seen = view(prepared)
     for part in seen.parts:
         prepared.cube_map(part.index)  # captured once; the clock runs from the picture on

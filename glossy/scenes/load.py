@@ -115,7 +115,8 @@ def _material(where: str, value: object, named: Table, folder: pathlib.Path) -> 
         return make_material(text)
     except ValueError as error:
         own = f"not one of the scene's own ({', '.join(named)}); " if named else ""
-        raise ValueError(f"{where}: {own}{error}") from None
+        which = "" if "=" in value else f"no material {value!r}; "
+        raise ValueError(f"{where}: {which}{own}{error}") from None
 
 
 def _method(where: str, table: Table, default: str) -> None:
@@ -253,7 +254,7 @@ def overlay(scene: ObjectScene, given: Table, method_options: Sequence[str]) -> 
     if env:
         change["environment"] = dataclasses.replace(scene.environment or EnvironmentSource(), **env)
     options = {k: given[k] for k in (*method_options, "samples") if k in given}
-    method = given.get("method", scene.method)
+    method = _check.choice("--method", given.get("method", scene.method), methods.METHODS)
     kept = scene.options if method == scene.method else {}
     change |= {"method": method, "options": {**kept, **options}}
     change["options"].pop("samples", None)

@@ -12,7 +12,7 @@ from ..brdf import Material
 from ..camera import Camera
 from ..frames import normalise
 from ..scene import BACKGROUNDS, EnvironmentSource
-from .shapes import Rectangle, Shape, Sphere, Transform, _numbers
+from .shapes import Mesh, Rectangle, Shape, Sphere, Transform, _numbers
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -75,6 +75,8 @@ class SceneObject:
             raise _check.fail("casts_shadow", "must be true or false", self.casts_shadow)
         if self.capture_size is not None:
             _power_of_two("capture_size", self.capture_size)
+        if self.checker is not None and isinstance(self.shape, Mesh):
+            raise _check.fail("checker", "is not for a mesh, which has no (u, v)", self.shape.file)
 
     @property
     def translucent(self) -> bool:

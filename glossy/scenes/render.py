@@ -20,7 +20,7 @@ from ..brdf import Material
 from ..camera import Camera
 from ..frames import SurfacePoints, dot
 from .bake import Progress
-from .bounds import bounding_planes
+from .bounds import bounding_planes, check_planes
 from .geometry import Hits
 from .model import ObjectScene
 from .prepared import PreparedScene, prepare
@@ -264,6 +264,7 @@ def render_objects(
         For files and options that cannot be used.
     """
     start = time.perf_counter()
+    check_planes(scene.scene if isinstance(scene, PreparedScene) else scene)
     prepared = scene if isinstance(scene, PreparedScene) else prepare(scene, True, update, progress)
     lap = time.perf_counter()
     seen = view(prepared)
