@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .gbuffer import read_gbuffer
     from .image import Image, read_image, write_exr, write_image
     from .irradiance import irradiance, irradiance_map
+    from .lattice.table import lattice_taps
     from .materials import material, material_names
     from .measured.fit import fit_table
     from .measured.material import MeasuredMaterial, measured_material
@@ -82,6 +83,7 @@ _WHERE = {
     "importance_pattern": "pattern",
     "irradiance": "irradiance",
     "irradiance_map": "irradiance",
+    "lattice_taps": "lattice.table",
     "load_scene": "scene",
     "log_rms": "metrics",
     "mae": "metrics",
@@ -143,6 +145,7 @@ __all__ = [
     "importance_pattern",
     "irradiance",
     "irradiance_map",
+    "lattice_taps",
     "load_scene",
     "log_rms",
     "mae",

@@ -42,6 +42,10 @@ TAPS = {
 PLANNED = {"auto": "glossy.planning.auto:tap_counts"}
 """Taps of each lobe for (material, prepared, own options), where the method itself chooses them."""
 
+TRACES = {"lattice": "glossy.lattice.trace:trace_lattice"}
+"""What lists a method's samples, ``(point, material, pyramid, precision, **options)``, where
+``trace`` itself does not."""
+
 
 def _load(place: str) -> Callable[..., Any]:
     module, _, function = place.partition(":")
@@ -69,6 +73,11 @@ def prepare(name: str, cube: Any, material: Any, **options: Any) -> Any:
     function = preparation(name)
     needs = "material" in inspect.signature(function).parameters
     return function(cube, **({"material": material} if needs else {}), **options)
+
+
+def tracer(name: str) -> Callable[..., Any]:
+    """What lists the samples of a method of ``TRACES``."""
+    return _load(TRACES[name])
 
 
 def tap_count(name: str, lobe: Any, samples: int) -> int:

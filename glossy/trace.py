@@ -187,7 +187,8 @@ def trace(
     ----------
     point : SurfacePoints
         Exactly one point (any shape of size 1).
-    method : "regular", "importance" or "thesis"
+    method : "regular", "importance", "thesis" or "lattice"
+        For ``lattice`` the columns are its own (``lattice.trace.LatticeTrace``).
     **options
         As for ``shade``.
 
@@ -198,9 +199,13 @@ def trace(
     """
     if math.prod(point.shape) != 1:
         raise _check.fail("point", "must be a single point", point.shape)
-    methods.check_options(_check.choice("method", method, TABLES), options)
+    known = (*TABLES, *methods.TRACES)
+    methods.check_options(_check.choice("method", method, known), options)
     if isinstance(material, Lobe):
         material = Material(reflection=[material])
+    if method in methods.TRACES:
+        listed: Trace = methods.tracer(method)(point, material, pyramid, precision, **options)
+        return listed
     dtype = _check.dtype_of(precision)
     given = {"precision": precision, **options}
     table = TABLES[method](material, pyramid, **options)

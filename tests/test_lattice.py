@@ -244,6 +244,29 @@ def test_budget_takes_the_nearest_count() -> None:
         nearest_count(0)
 
 
+@pytest.mark.parametrize("name", MATERIALS)
+def test_traced_taps_add_up_to_the_pixel(name: str) -> None:
+    p, pyramid, material = points(6, low=0.01), spots(), MATERIALS[name]
+    picture = glossy.shade(
+        p, material, pyramid, method="lattice", precision="double", samples=9, bias=0.5
+    )
+    for k in range(len(picture)):
+        trace = glossy.trace(p[k], material, pyramid, "lattice", "double", samples=9, bias=0.5)
+        np.testing.assert_allclose(trace.radiance, picture[k], rtol=1e-12)
+        np.testing.assert_allclose(trace.tap_sum, picture[k], rtol=1e-12)
+        kept = [tap for tap in trace.taps if tap.kept]
+        assert 0 < len(kept) <= 9 * len(material.sided_lobes())
+        for tap in kept:
+            looked_up = pyramid.sample(tap.wi, tap.level, precision="double")
+            np.testing.assert_allclose(tap.radiance, looked_up, rtol=1e-12)
+            both = (1.0, 1.0, math.copysign(1.0, tap.wi_local[2])) * np.array(tap.wi_local)
+            mirrored = 2.0 * (np.dot(tap.wh, trace.view_local)) * np.array(tap.wh) - both
+            np.testing.assert_allclose(mirrored, trace.view_local, atol=1e-12)
+        text = trace.format_table()
+        assert len(text.splitlines()) == len(trace.taps) + 5 + 2 * len(trace.normaliser)
+        assert trace.to_dict()["schema"] == 1
+
+
 def test_bad_input_is_one_line() -> None:
     p, pyramid = points(2), spots()
     for options, name in (({"samples": 0}, "samples"), ({"bias": math.nan}, "bias")):
