@@ -16,9 +16,11 @@ import random
 import resource
 import runpy
 import signal
+import struct
 import sys
 import tempfile
 import time
+import unittest.mock
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -30,11 +32,13 @@ from glossy.gbuffer import read_gbuffer, write_gbuffer
 from glossy.image import read_planes
 from glossy.image_write import write_exr, write_image
 from glossy.materials import parse_material
+from glossy.measured import merl
 from glossy.scene import Scene, load_scene
 
 MEMORY = 6 << 30  # address space of the process that reads
 SECONDS = 20  # for one file
 BATCH = 200  # files for one process
+MERL_SHAPE = (6, 5, 8)  # bins; a file of the full 90 x 90 x 180 has 35 MB
 LONGEST = 2000  # characters of a message, which may quote the file
 
 SCENE = b"""material = "mx=.2,my=.075"
@@ -103,13 +107,15 @@ def seeds(folder: pathlib.Path) -> list[tuple[Reader, pathlib.Path]]:
     ):
         (folder / name).write_bytes(text)
         found.append((reader, folder / name))
-    # MERL files have one length and no structure to damage: their reader is left to the tests
     made = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "tests" / "measured_files.py"))
     for name, kind in (("m.bsdf", "rgl"), ("m.brdf", "cornell"), ("m.xml", "klems")):
         made[f"write_{kind}"](folder / name)
         found.append((read_measured, folder / name))
     read_measured(folder / "m.brdf").write(folder / "m.txt")
     found.append((read_measured, folder / "m.txt"))
+    bins = rng.random((3, *MERL_SHAPE)) - 0.1  # negative where nothing was measured
+    (folder / "m.binary").write_bytes(struct.pack("<3i", *MERL_SHAPE) + bins.tobytes())
+    found.append((_merl, folder / "m.binary"))
     return found
 
 
@@ -119,6 +125,11 @@ def _planes(path: pathlib.Path) -> object:
 
 def _environment(path: pathlib.Path) -> object:
     return read_environment(path, size=4, encoding="srgb", nonfinite="clamp")
+
+
+def _merl(path: pathlib.Path) -> object:
+    with unittest.mock.patch.object(merl, "SHAPE", MERL_SHAPE):
+        return read_measured(path)
 
 
 def _scene(path: pathlib.Path) -> object:
