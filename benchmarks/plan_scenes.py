@@ -16,8 +16,9 @@ from glossy.planning.model import CANDIDATES
 from glossy.planning.probe import one_thread, probe, run_candidate, sphere_views
 
 Float64Array = npt.NDArray[np.float64]
+Row = tuple[Float64Array, Float64Array, Float64Array]
 TOLERANCE = 3e-3  # of the truth's bound; its error is some hundred times less
-PIXELS = 400
+PIXELS = 900
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +72,7 @@ def relative(picture: npt.ArrayLike, truth: Float64Array) -> float:
     return float(np.sqrt(np.mean(difference**2) / np.mean(truth**2)))
 
 
-def measure(scene: Scene, pyramid: glossy.Pyramid) -> tuple[Float64Array, ...]:
+def measure(scene: Scene, pyramid: glossy.Pyramid) -> Row:
     """For each candidate of a one-lobe scene: probe's error, its cameras' (K, C), the picture's."""
     found = probe(scene.material, pyramid)
     choice = np.arange(len(CANDIDATES))[:, None]

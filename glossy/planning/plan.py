@@ -200,7 +200,7 @@ def _plan_one(
 def _front(measured: Probe, lobe: int, costs: Float64Array) -> Int64Array:
     """Candidates of one lobe that none beats both in cost and, alone, in error."""
     own = slice(measured.first[lobe], measured.first[lobe + 1])
-    square = np.einsum("ckk->k", measured.gram[:, own, own])
+    square = np.diagonal(measured.gram[0])[own]
     kept: list[int] = []
     for k in np.lexsort((square, costs)):
         if not kept or square[k] < square[kept[-1]]:
@@ -221,8 +221,8 @@ def _combinations(fronts: Sequence[Int64Array]) -> Int64Array:
 def _reasons(
     measured: Probe, choice: Int64Array, rows: Sequence[LobePlan], reached: bool
 ) -> tuple[str, ...]:
-    power = max(float(measured.power.sum()), np.finfo(np.float64).tiny)
-    diagonal = np.einsum("ckk->k", measured.gram)
+    power = max(float(measured.power[0]), np.finfo(np.float64).tiny)
+    diagonal = np.diagonal(measured.gram[0])
     said = []
     for j, (row, k) in enumerate(zip(rows, choice, strict=True)):
         own = diagonal[measured.first[j] : measured.first[j + 1]]

@@ -1,13 +1,20 @@
 """What candidates of a lobe do wrong under a given environment, measured on a few pictures.
 
 The map itself is asked, not a model of it: a sphere is seen by orthographic cameras from
-``CAMERAS`` directions, ``POINTS`` points in each, drawn once from a fixed seed. With L_j the
-radiance of lobe j by many importance samples and L_jk that of its candidate k ::
+``CAMERAS`` directions. Such a picture shows the mirror directions evenly, 1/(4 pi) each. Half of
+its points are drawn so, the others with mirror directions towards bright texels of the levels of
+``SIZES``, lest a small light is missed (density q ~ squared radiance), all from a fixed seed ::
 
-    e_jk = L_jk - L_j,   G_c[jk, il] = sum over points and channels of camera c  e_jk e_il     (1)
+    w = 1/(4 pi) / (POINTS_EVEN/(4 pi) + POINTS_BRIGHT sum_l q_l)                             (1)
+
+is the weight of a point. With L_j the radiance of lobe j by many importance samples and L_jk that
+of its candidate k ::
+
+    e_jk = L_jk - L_j,   G[jk, il] = sum over points and channels  w e_jk e_il                 (2)
 
 Errors of lobes that look at the same lights add with their signs, so that the squared error of any
-choice k(j) in camera c is the sum of G_c over its pairs; its share is of sum (sum_j L_j)^2. The
+choice k(j) is the sum of G over its pairs; its share is of sum w (sum_j L_j)^2. G_c is the same for
+the even points of camera c alone, w = 1: a small picture, which may miss the light or catch it. The
 candidate that leaves a lobe out has e = -L_j.
 
 Against the quadrature of ``reference`` the yardstick is off by less than 1 % of the RMS radiance
@@ -17,7 +24,6 @@ levels is not seen.
 
 import contextlib
 import dataclasses
-import functools
 from collections.abc import Iterator
 
 import numba
@@ -25,14 +31,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ..brdf import Lobe, Material
-from ..frames import SurfacePoints, sphere_tangent
+from ..cubemap import face_directions, locate
+from ..frames import SurfacePoints, reflect, sphere_tangent
 from ..pyramid import Pyramid
 from ..shading import importance, regular
 from .model import CANDIDATES, Candidate
 
 Float64Array = npt.NDArray[np.float64]
 
-CAMERAS, POINTS = 16, 96
+CAMERAS, POINTS_EVEN, POINTS_BRIGHT = 16, 64, 12
+SIZES = (4, 16, 64, 256)  # of the levels whose bright texels are looked for
 YARDSTICK = 2048  # importance samples
 SEED = 20
 
@@ -53,10 +61,40 @@ def sphere_views(cameras: int, points: int, seed: int) -> SurfacePoints:
     return SurfacePoints(normal=normal, tangent=sphere_tangent(normal), view=view)
 
 
-@functools.cache
-def probe_points() -> SurfacePoints:
-    """The points of every probe."""
-    return sphere_views(CAMERAS, POINTS, SEED)
+def texel_at(directions: Float64Array, size: int) -> tuple[npt.NDArray[np.int64], ...]:
+    """Face, row and column (...) of the texels that directions (..., 3) fall into."""
+    face, s, t = locate(directions)
+    column, row = (np.clip((0.5 * size * (x + 1.0)).astype(np.int64), 0, size - 1) for x in (s, t))
+    return face, row, column
+
+
+def probe_points(pyramid: Pyramid) -> tuple[SurfacePoints, Float64Array]:
+    """Points (C, P) of a probe, and their weights (C, P), eq. (1)."""
+    even = sphere_views(CAMERAS, POINTS_EVEN, SEED)
+    v = even.view[:, :1]
+    mirrored = [reflect(even.view, even.normal)]
+    rng = np.random.default_rng(SEED)
+    sizes = [level.shape[1] for level in pyramid.levels]
+    levels = [k for k, n in enumerate(sizes) if n in SIZES or (k == 0 and n < SIZES[-1])]
+    squares = [np.sum(np.square(pyramid.levels[k], dtype=np.float64), axis=-1) for k in levels]
+    bright = [(k, s / s.sum()) for k, s in zip(levels, squares, strict=True) if s.any()]
+    for k, share in bright:
+        pick = rng.choice(share.size, size=(CAMERAS, POINTS_BRIGHT), p=share.reshape(-1))
+        face, row, column = np.unravel_index(pick, share.shape)
+        s, t = (2.0 * (i + rng.random(pick.shape)) / sizes[k] - 1.0 for i in (column, row))
+        mirrored.append(face_directions(face, s, t))
+    r = np.concatenate(mirrored, axis=1)
+    stretch = (np.linalg.norm(r, axis=-1) / np.abs(r).max(axis=-1)) ** 3
+    r /= np.linalg.norm(r, axis=-1, keepdims=True)
+    density = np.full(r.shape[:2], POINTS_EVEN / (4.0 * np.pi))
+    for k, share in bright:
+        density += POINTS_BRIGHT * share[texel_at(r, sizes[k])] * stretch * sizes[k] ** 2 / 4.0
+    normal = v + r
+    length = np.linalg.norm(normal, axis=-1, keepdims=True)
+    normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-6), sphere_tangent(v))
+    view = np.broadcast_to(v, normal.shape)
+    points = SurfacePoints(normal=normal, tangent=sphere_tangent(normal), view=view)
+    return points, 1.0 / (4.0 * np.pi) / density
 
 
 @contextlib.contextmanager
@@ -97,7 +135,9 @@ def run_candidate(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Probe:
-    """Eq. (1): ``gram`` (C, K, K) over the candidates of all lobes, ``power`` (C,) of the whole.
+    """Eq. (2): ``gram`` (1 + C, K, K) over the candidates of all lobes, ``power`` (1 + C,).
+
+    First over all points, then over the even ones of each camera.
 
     ``first`` (L + 1,): where each lobe's candidates begin; the order is that of ``CANDIDATES``.
     """
@@ -114,9 +154,8 @@ class Probe:
             for i in range(index.shape[1]):
                 square += self.gram[:, index[:, j], index[:, i]].T
         square = np.maximum(square, 0.0)
-        least = np.finfo(np.float64).tiny
-        whole = np.sqrt(square.sum(axis=1) / max(float(self.power.sum()), least))
-        return whole, np.sqrt(square / np.maximum(self.power, least))
+        relative = np.sqrt(square / np.maximum(self.power, np.finfo(np.float64).tiny))
+        return relative[:, 0], relative[:, 1:]
 
 
 def probe(material: Material, pyramid: Pyramid) -> Probe:
@@ -126,7 +165,7 @@ def probe(material: Material, pyramid: Pyramid) -> Probe:
 
 
 def _probe(material: Material, pyramid: Pyramid) -> Probe:
-    points = probe_points()
+    points, weights = probe_points(pyramid)
     errors: list[Float64Array] = []
     first = [0]
     total = np.zeros((*points.shape, 3))
@@ -140,9 +179,12 @@ def _probe(material: Material, pyramid: Pyramid) -> Probe:
             else:
                 errors.append(run_candidate(candidate, points, single, pyramid) - truth)
         first.append(len(errors))
-    stacked = np.stack(errors, axis=1).reshape(CAMERAS, len(errors), -1)
+    whole = np.stack(errors) * np.sqrt(weights)[..., None]
+    flat = whole.reshape(len(errors), -1)
+    even = np.stack(errors, axis=1)[:, :, :POINTS_EVEN].reshape(CAMERAS, len(errors), -1)
+    square = np.sum(total * total, axis=-1)
     return Probe(
-        gram=stacked @ stacked.transpose(0, 2, 1),
-        power=np.sum(total * total, axis=(1, 2)),
+        gram=np.concatenate([(flat @ flat.T)[None], even @ even.transpose(0, 2, 1)]),
+        power=np.concatenate([[np.sum(weights * square)], square[:, :POINTS_EVEN].sum(axis=1)]),
         first=tuple(first),
     )
