@@ -273,4 +273,5 @@ FURNACE_METHODS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "thesis/4.23": ("thesis", {"samples": 7, "estimator": "4.23"}),
     "thesis/4.24": ("thesis", {"samples": 7, "estimator": "4.24"}),
     "thesis/4.25": ("thesis", {"samples": 7, "estimator": "4.25"}),
+    "lattice": ("lattice", {"samples": 14}),
 }
