@@ -234,24 +234,24 @@ def test_an_output_in_the_way_of_a_file_is_refused(
 def test_an_interrupted_study_is_one_line_and_keeps_its_cells(
     sent: signal.Signals, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A real signal to a real process, once two cells are there; --resume then finishes."""
+    """A real signal to a real process, once a cell is there; --resume then finishes."""
     folder = tmp_path / "out"
     args = [
         "study", "--env", "studio", "--size", "16", "--width", "12", "--material", "mx=.2",
-        "--methods", "regular/paper,importance", "--samples", "7,14", "--repeats", "10",
+        "--methods", "regular/paper,importance", "--samples", "7,14", "--repeats", "40",
         "-o", str(folder),
     ]  # fmt: skip
     program = [sys.executable, "-m", "glossy.cli", *args]
     with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        while process.poll() is None and len(list(folder.glob("cells/*.json"))) < 2:
-            time.sleep(0.02)
+        while process.poll() is None and not list(folder.glob("cells/*.json")):
+            time.sleep(0.005)
         process.send_signal(sent)
         out, err = process.communicate(timeout=120)
     polite = sent == signal.SIGINT
     said = b"glossy study: interrupted\n" if polite else b""
     assert (process.returncode, out, err) == (130 if polite else -sent, b"", said)
     kept = {path: path.read_bytes() for path in folder.glob("cells/*")}
-    assert 2 <= len(kept) < 8
+    assert 1 <= len(kept) < 8
     value = report(capsys, *args, "--resume")
     assert len(value["cells"]) == 8
     assert all(path.read_bytes() == content for path, content in kept.items())
