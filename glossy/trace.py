@@ -101,28 +101,30 @@ class Trace:
         below = "below the horizon: adds nothing"
         below += ", is left out" if self.method == "thesis" else ", counts in n"
         for tap in self.taps:
-            start = f"{tap.lobe:4d} {tap.index:4d} {_text(tap.wh, 8, 5)} "
+            start = f"{tap.lobe:4d} {tap.index:4d} {vector_text(tap.wh, 8, 5)} "
             if not tap.kept:
                 lines.append(f"{start}{below:^40}")
                 continue
             lines.append(
-                f"{start}{_text(tap.wi, 8, 5)} {tap.texels:10.4g} {tap.level:7.3f} "
+                f"{start}{vector_text(tap.wi, 8, 5)} {tap.texels:10.4g} {tap.level:7.3f} "
                 f"{tap.pdf_wi:10.4g} {tap.brdf[1]:10.4g} {tap.share[1]:8.5f} "
-                f"{_text(tap.radiance, 10, 5, 'g')} {tap.weight[1]:10.4g}"
+                f"{vector_text(tap.radiance, 10, 5, 'g')} {tap.weight[1]:10.4g}"
             )
         lines.append("brdf, share and weight: green channel")
         for j, divisor in enumerate(self.normaliser):
-            lines.append(f"lobe {j} is divided by {_text(divisor, 12, 7, 'g')}")
-        lines.append(f"sum of taps {_text(self.tap_sum, 12, 7, 'g')}")
-        lines.append(f"pixel       {_text(self.radiance, 12, 7, 'g')}")
+            lines.append(f"lobe {j} is divided by {vector_text(divisor, 12, 7, 'g')}")
+        lines.append(f"sum of taps {vector_text(self.tap_sum, 12, 7, 'g')}")
+        lines.append(f"pixel       {vector_text(self.radiance, 12, 7, 'g')}")
         return "\n".join(lines)
 
 
-def _text(v: Vector, width: int, digits: int, form: str = "f") -> str:
+def vector_text(v: Vector, width: int, digits: int, form: str = "f") -> str:
+    """Three numbers as columns of a table."""
     return " ".join(f"{x:{width}.{digits}{form}}" for x in v)
 
 
-def _vector(v: npt.ArrayLike) -> Vector:
+def to_vector(v: npt.ArrayLike) -> Vector:
+    """Three numbers as a tuple of floats."""
     x, y, z = (float(c) for c in np.asarray(v).reshape(3))
     return x, y, z
 
@@ -241,13 +243,13 @@ def trace(
     return Trace(
         method=method,
         options={k: o for k, o in given.items() if k != "pattern"},
-        normal=_vector(point.normal),
-        tangent=_vector(point.tangent),
-        bitangent=_vector(point.bitangent),
-        view=_vector(point.view),
-        view_local=_vector(wo),
-        radiance=_vector(methods.resolve(method)(point, material, pyramid, **given)),
-        tap_sum=_vector(total),
+        normal=to_vector(point.normal),
+        tangent=to_vector(point.tangent),
+        bitangent=to_vector(point.bitangent),
+        view=to_vector(point.view),
+        view_local=to_vector(wo),
+        radiance=to_vector(methods.resolve(method)(point, material, pyramid, **given)),
+        tap_sum=to_vector(total),
         normaliser=tuple(normaliser),
         taps=tuple(rows),
     )
@@ -257,12 +259,12 @@ def _normaliser(taps: list[Tap], estimator: int) -> Vector:
     """What the sum over one lobe's samples is divided by, see ``Trace``."""
     kept = [tap for tap in taps if tap.kept]
     if estimator == SUM:
-        return _vector(np.full(3, float(len(taps))))
+        return to_vector(np.full(3, float(len(taps))))
     cos = np.array([tap.cos_i for tap in kept])
     pdf = np.array([tap.pdf_wi for tap in kept])
     if estimator == BY_BRDF_COS:
-        return _vector(cos @ np.array([tap.brdf for tap in kept]) if kept else np.zeros(3))
-    return _vector(np.full(3, np.sum(pdf * cos if estimator == BY_PDF_COS else pdf)))
+        return to_vector(cos @ np.array([tap.brdf for tap in kept]) if kept else np.zeros(3))
+    return to_vector(np.full(3, np.sum(pdf * cos if estimator == BY_PDF_COS else pdf)))
 
 
 def _tap(
@@ -298,17 +300,17 @@ def _tap(
         lobe=j,
         index=k,
         kept=kept,
-        wh=_vector(h),
-        wi_local=_vector(local),
-        wi=_vector(row[1:4]) if kept else _vector(np.zeros(3)),
+        wh=to_vector(h),
+        wi_local=to_vector(local),
+        wi=to_vector(row[1:4]) if kept else to_vector(np.zeros(3)),
         cos_i=cos_i,
         texels=float(row[4]),
         level=float(row[5]),
-        radiance=_vector(row[6:9]),
-        brdf=_vector(brdf),
+        radiance=to_vector(row[6:9]),
+        brdf=to_vector(brdf),
         pdf_wh=pdf_wh,
         pdf_wi=pdf_wi,
-        share=_vector(share),
-        weight=_vector(weight),
-        contribution=_vector(row[6:9] * weight),
+        share=to_vector(share),
+        weight=to_vector(weight),
+        contribution=to_vector(row[6:9] * weight),
     )

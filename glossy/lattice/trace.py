@@ -18,6 +18,7 @@ from ..frames import SurfacePoints
 from ..pyramid import Pyramid
 from ..sampler import k_trilinear_rgb
 from ..shading import k_frame
+from ..trace import Vector, to_vector, vector_text
 from .shade import lattice_table
 from .tap import (
     k_edge,
@@ -31,7 +32,6 @@ from .tap import (
 )
 
 FloatArray = npt.NDArray[np.floating]
-Vector = tuple[float, float, float]
 
 COLUMNS = 12
 ZERO, ONE = np.float32(0.0), np.float32(1.0)
@@ -93,31 +93,22 @@ class LatticeTrace:
             f"{'level':>7} {'w':>10} {'share':>8} {'L (rgb)':^32} {'weight':>10}",
         ]
         for tap in self.taps:
-            start = f"{tap.lobe:4d} {tap.index:4d} {_text(tap.wh, 8, 5)} "
+            start = f"{tap.lobe:4d} {tap.index:4d} {vector_text(tap.wh, 8, 5)} "
             if not tap.kept:
                 lines.append(f"{start}{'below the horizon: left out':^40}")
                 continue
             lines.append(
-                f"{start}{_text(tap.wi, 8, 5)} {tap.area:8.5f} {tap.texels:10.4g} "
+                f"{start}{vector_text(tap.wi, 8, 5)} {tap.area:8.5f} {tap.texels:10.4g} "
                 f"{tap.level:7.3f} {tap.relative:10.4g} {tap.share[1]:8.5f} "
-                f"{_text(tap.radiance, 10, 5, 'g')} {tap.weight[1]:10.4g}"
+                f"{vector_text(tap.radiance, 10, 5, 'g')} {tap.weight[1]:10.4g}"
             )
         lines.append("share and weight: green channel; texels: variance of the tap")
         for j, (divisor, white) in enumerate(zip(self.normaliser, self.reflectivity, strict=True)):
-            lines.append(f"lobe {j} is divided by {_text(divisor, 12, 7, 'g')}")
-            lines.append(f"lobe {j} reflects      {_text(white, 12, 7, 'g')}")
-        lines.append(f"sum of taps {_text(self.tap_sum, 12, 7, 'g')}")
-        lines.append(f"pixel       {_text(self.radiance, 12, 7, 'g')}")
+            lines.append(f"lobe {j} is divided by {vector_text(divisor, 12, 7, 'g')}")
+            lines.append(f"lobe {j} reflects      {vector_text(white, 12, 7, 'g')}")
+        lines.append(f"sum of taps {vector_text(self.tap_sum, 12, 7, 'g')}")
+        lines.append(f"pixel       {vector_text(self.radiance, 12, 7, 'g')}")
         return "\n".join(lines)
-
-
-def _text(v: Vector, width: int, digits: int, form: str = "f") -> str:
-    return " ".join(f"{x:{width}.{digits}{form}}" for x in v)
-
-
-def _vector(v: npt.ArrayLike) -> Vector:
-    x, y, z = (float(c) for c in np.asarray(v).reshape(3))
-    return x, y, z
 
 
 @kernel
@@ -197,8 +188,8 @@ def trace_lattice(
         relative = found[:, 10:11] * fresnel
         total = relative.sum(axis=0)
         shares = relative / np.where(total > 0.0, total, 1.0)
-        sums.append(_vector(total))
-        whites.append(_vector(white))
+        sums.append(to_vector(total))
+        whites.append(to_vector(white))
         rows += [_tap(j, k, side, wo, point, *pair, white)
                  for k, pair in enumerate(zip(found, shares, strict=True))]  # fmt: skip
     given = {"precision": precision, **options}
@@ -206,13 +197,13 @@ def trace_lattice(
     return LatticeTrace(
         method="lattice",
         options=given,
-        normal=_vector(point.normal),
-        tangent=_vector(point.tangent),
-        bitangent=_vector(point.bitangent),
-        view=_vector(point.view),
-        view_local=_vector(wo),
-        radiance=_vector(methods.resolve("lattice")(point, material, pyramid, **given)),
-        tap_sum=_vector(np.sum(contributions, axis=0) if rows else np.zeros(3)),
+        normal=to_vector(point.normal),
+        tangent=to_vector(point.tangent),
+        bitangent=to_vector(point.bitangent),
+        view=to_vector(point.view),
+        view_local=to_vector(wo),
+        radiance=to_vector(methods.resolve("lattice")(point, material, pyramid, **given)),
+        tap_sum=to_vector(np.sum(contributions, axis=0) if rows else np.zeros(3)),
         normaliser=tuple(sums),
         reflectivity=tuple(whites),
         taps=tuple(rows),
@@ -240,15 +231,15 @@ def _tap(
         lobe=j,
         index=k,
         kept=kept,
-        wh=_vector(wh),
-        wi_local=_vector(local),
-        wi=_vector(row[1:4]),
+        wh=to_vector(wh),
+        wi_local=to_vector(local),
+        wi=to_vector(row[1:4]),
         area=float(row[4]),
         texels=float(row[5]),
         level=float(row[6]),
-        radiance=_vector(row[7:10]),
+        radiance=to_vector(row[7:10]),
         relative=float(row[10]),
-        share=_vector(share),
-        weight=_vector(weight),
-        contribution=_vector(row[7:10] * weight),
+        share=to_vector(share),
+        weight=to_vector(weight),
+        contribution=to_vector(row[7:10] * weight),
     )
