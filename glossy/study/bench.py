@@ -22,10 +22,13 @@ from .. import methods
 from ..frames import SurfacePoints
 from ..render import actual_samples
 from ..shading import shade
+from . import preparation
 from .measure import Judge, best_bias, one_thread, timed
+from .preparation import Preparation
 from .settings import Case, MethodSpec, Plan, cpu_model, threshold_for
 
 if TYPE_CHECKING:
+    from ..brdf import Material
     from ..cubemap import CubeMap
 
 FloatArray = npt.NDArray[np.floating]
@@ -88,6 +91,11 @@ def cell_key(case: str, method: str, budget: int, bias_kind: str) -> str:
     """File name of a measurement."""
     slug = "".join(c if c.isalnum() or c == "." else "-" for c in f"{case}_{method}")
     return f"{slug}_{budget}_{bias_kind}"
+
+
+def _bound(method: MethodSpec) -> bool:
+    """Whether what a method looks up depends on the material."""
+    return "material" in signature(methods.preparation(method.name)).parameters
 
 
 def comparable(cells: Sequence[Cell]) -> list[Cell]:
@@ -163,12 +171,15 @@ class Bench:
     def prepared(self, case: Case, method: MethodSpec) -> Any:
         """What a method looks up, made once; for every case if it depends on the material."""
         make = methods.preparation(method.name)
-        own = {k: v for k, v in self.plan.preparation.items() if k in signature(make).parameters}
-        bound = "material" in signature(make).parameters
-        key = (make.__module__, make.__qualname__, case.name if bound else "")
+        key = (make.__module__, make.__qualname__, case.name if _bound(method) else "")
         if key not in self._prepared:
-            self._prepared[key] = methods.prepare(method.name, self.cube, case.material, **own)
+            self._prepared[key] = self._make(case.material, method)
         return self._prepared[key]
+
+    def _make(self, material: "Material", method: MethodSpec) -> Any:
+        known = signature(methods.preparation(method.name)).parameters
+        own = {k: v for k, v in self.plan.preparation.items() if k in known}
+        return methods.prepare(method.name, self.cube, material, **own)
 
     def truth(self, case: Case) -> dict[str, Any]:
         """Ground truth of a case, its error, its kind and the seconds it took, as arrays."""
@@ -232,6 +243,19 @@ class Bench:
         prepared = self.prepared(case, method)
         result: FloatArray = shade(where, case.material, prepared, method=method.name, **own)
         return result
+
+    def preparation(self, case: Case, method: MethodSpec) -> Preparation:
+        """What a method needs before its first picture, at the smallest budget."""
+        own, pixel = self.options(case, method, min(self.plan.budgets)), self.points[:1]
+        return preparation.measure(
+            case.name,
+            method.label,
+            case.material,
+            prepare=lambda material: self._make(material, method),
+            shade=lambda material, made: shade(pixel, material, made, method=method.name, **own),
+            bound=_bound(method),
+            given=self.cube,
+        )
 
     def _baseline(self) -> FloatArray:
         first = self.plan.cases[0], self.plan.methods[0], min(self.plan.budgets)

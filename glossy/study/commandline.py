@@ -115,6 +115,8 @@ def run(args: argparse.Namespace) -> int:
         return 0
     print(report.error_table(study.cells))
     print(report.time_table(study.cells))
+    print(report.preparation_table(study))
+    print()
     for name, found in list(variants.items())[:1]:
         print(f"The paper's claims in these runs, {name} against importance:")
         print(report.claim_lines(found))

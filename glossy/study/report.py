@@ -13,6 +13,7 @@ import numpy as np
 from .bench import CPU_TOLERANCE, Cell, comparable
 from .claims import Claim, Table
 from .measure import BLOCK
+from .preparation import WIDER
 
 if TYPE_CHECKING:
     from .run import Study
@@ -23,6 +24,10 @@ Radiance is shown sRGB encoded, with one white for all pictures of a figure, cho
 and printed above it; brighter pixels are clipped. The false colours are |image - truth| in
 luminance, in percent of the truth's RMS; the scale of each row ends at the 99.5th percentile of
 its two differences.
+"""
+PREPARATION = f"""\
+CPU time on one thread of what a method makes anew when the map changes, and when the lobes become
+{WIDER:g} times as wide; the memory of it, without the map itself. Compiled beforehand.
 """
 
 
@@ -91,6 +96,18 @@ def time_note(cells: Sequence[Cell]) -> str:
             "load or on another processor."
         )
     return " ".join(notes)
+
+
+def preparation_table(study: "Study") -> str:
+    """What each method needs before its first picture, as Markdown."""
+    rows = [
+        "case | method | new map [ms] | new material [ms] | memory [MB]",
+        "---|---|---:|---:|---:",
+    ]
+    for p in study.preparations:
+        figures = (1e3 * p.new_map_seconds, 1e3 * p.new_material_seconds, 1e-6 * p.bytes)
+        rows.append(" | ".join([p.case, p.method, *(f"{value:.3g}" for value in figures)]))
+    return "\n".join(f"| {row} |" for row in rows)
 
 
 def processor_note(cells: Sequence[Cell]) -> str:
@@ -165,6 +182,7 @@ def to_dict(
         "baseline": "first case, first method, smallest budget, bias 0",
         "truths": truths,
         "cells": [dataclasses.asdict(c) for c in study.cells],
+        "preparations": [dataclasses.asdict(p) for p in study.preparations],
         "claims": claims,
         "pictures": list(pictures),
     }
@@ -222,6 +240,7 @@ def markdown(study: "Study", variants: dict[str, list[Claim]], pictures: Sequenc
     ]
     parts += ["![error against time](speed.png)\n", "## Times\n"]
     parts += [_timing(study), "```", time_table(study.cells).rstrip(), "```\n"]
+    parts += ["## Before the first picture\n", PREPARATION, preparation_table(study), ""]
     if pictures:
         parts += ["## Pictures\n", PICTURES]
         parts += [f"![{name}]({name})\n" for name in pictures]

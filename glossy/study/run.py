@@ -7,10 +7,11 @@ same bits on one model of processor.
 import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..frames import SurfacePoints
 from .bench import Bench, Cell, Truth, cell_key
+from .preparation import Preparation
 from .settings import Case, MethodSpec, Plan, digest, machine
 from .store import Store
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 Step = Callable[[], None]
 Work = tuple[Case, MethodSpec, int, str]
+Kept = TypeVar("Kept")
 Progress = Callable[[Any], Iterator[Step]]
 
 
@@ -72,6 +74,7 @@ class Study:
         self.store = Store(folder, self.settings, self._session(), resume)
         self.truths: dict[str, Truth] = {}
         self._cells: dict[str, Cell] = {}
+        self.preparations: list[Preparation] = []
 
     def _session(self, workers: str = "") -> dict[str, Any]:
         return {**machine(), "command": self.command, "workers": workers}
@@ -108,9 +111,31 @@ class Study:
             work, workers = Arrivals(self, client), describe(client)
         for step in progress(work):
             step()
+        self.preparations = [
+            self._preparation(case, method)
+            for case in self.plan.cases
+            for method in self.plan.methods
+        ]
         self.store.sessions[-1] = self._session(workers)  # the threading layer is known now
         self.store.save_manifest()
         return self.cells
+
+    def _preparation(self, case: Case, method: MethodSpec) -> Preparation:
+        """Measured here, where nothing else runs any more, or found in the store."""
+        key = cell_key(case.name, method.label, 0, "preparation")
+        stored = self.store.get(key)
+        if stored is None:
+            found = self.bench.preparation(case, method)
+            self.store.put(key, dataclasses.asdict(found))
+            return found
+        return self._restored(Preparation, key, stored)
+
+    def _restored(self, kind: Callable[..., Kept], key: str, stored: dict[str, Any]) -> Kept:
+        try:
+            return kind(**stored)
+        except TypeError:
+            path = self.store.cell_path(key)
+            raise ValueError(f"{path}: of another version; delete it to redo it") from None
 
     def find_truth(self, case: Case) -> bool:
         """Whether the truth of a case is in the store; it is loaded then."""
@@ -130,11 +155,7 @@ class Study:
         key = cell_key(case.name, method.label, budget, kind)
         stored = self.store.get(key)
         if stored is not None:
-            try:
-                self._cells[key] = Cell(**stored)
-            except TypeError:
-                path = self.store.cell_path(key)
-                raise ValueError(f"{path}: of another version; delete it to redo it") from None
+            self._cells[key] = self._restored(Cell, key, stored)
         return stored is not None
 
     def keep_cell(self, cell: Cell) -> None:
