@@ -214,7 +214,8 @@ class LobeStack:
 
     def volumes(self) -> Float64Array:
         """Integral (E, C) of every slice's profile over the sphere, eq. (4), without weights."""
-        return np.einsum("eac,a->ec", self.profiles, ring_solid_angles(self.angles))
+        omega = ring_solid_angles(self.angles)
+        return np.asarray(np.einsum("eac,a->ec", self.profiles, omega))
 
     def furnace(self, wo: npt.ArrayLike) -> Float64Array:
         """What eq. (3) gives for a radiance of 1 everywhere, (..., C)."""
