@@ -42,6 +42,8 @@ if TYPE_CHECKING:
         rms,
     )
     from .pattern import Pattern, importance_pattern, pattern_for_budget, regular_pattern
+    from .pem.maps import PartialMaps, partial_maps
+    from .pem.regions import Regions, regions
     from .planes import BoundingPlanes
     from .planning.plan import plan
     from .pyramid import Pyramid, build_pyramid
@@ -67,8 +69,10 @@ _WHERE = {
     "MeasuredMaterial": "measured.material",
     "MeasuredTable": "measured.table",
     "Pattern": "pattern",
+    "PartialMaps": "pem.maps",
     "Plane": "camera",
     "Pyramid": "pyramid",
+    "Regions": "pem.regions",
     "Sphere": "camera",
     "SurfacePoints": "frames",
     "Truth": "reference",
@@ -90,6 +94,7 @@ _WHERE = {
     "material": "materials",
     "material_names": "materials",
     "measured_material": "measured.material",
+    "partial_maps": "pem.maps",
     "pattern_for_budget": "pattern",
     "plan": "planning.plan",
     "psnr": "metrics",
@@ -99,6 +104,7 @@ _WHERE = {
     "read_measured": "measured.read",
     "reference": "reference",
     "reference_passes": "reference",
+    "regions": "pem.regions",
     "regular_pattern": "pattern",
     "relative_mse": "metrics",
     "relative_rms": "metrics",
@@ -126,9 +132,11 @@ __all__ = [
     "Material",
     "MeasuredMaterial",
     "MeasuredTable",
+    "PartialMaps",
     "Pattern",
     "Plane",
     "Pyramid",
+    "Regions",
     "Sphere",
     "SurfacePoints",
     "Truth",
@@ -152,6 +160,7 @@ __all__ = [
     "material",
     "material_names",
     "measured_material",
+    "partial_maps",
     "pattern_for_budget",
     "plan",
     "psnr",
@@ -161,6 +170,7 @@ __all__ = [
     "read_measured",
     "reference",
     "reference_passes",
+    "regions",
     "regular_pattern",
     "relative_mse",
     "relative_rms",
