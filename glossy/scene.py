@@ -261,8 +261,8 @@ def load_scene(path: str | os.PathLike[str]) -> "Scene | ObjectScene":
     Parameters
     ----------
     path : str or Path
-        A file, or a built-in scene: ``room``, ``showroom``. Write ``./room`` for a file of that
-        name.
+        A file, or a built-in scene: ``room``, ``showroom``, ``hall``. Write ``./room`` for a
+        file of that name.
 
     Returns
     -------

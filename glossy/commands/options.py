@@ -24,7 +24,7 @@ def add_scene_arguments(parser: argparse.ArgumentParser, gbuffer: bool = True) -
     """SCENE, --env, --material, picture size and what is in it."""
     group = parser.add_argument_group("scene")
     group.add_argument(
-        "scene", nargs="?", metavar="SCENE", help="scene file (TOML), room or showroom"
+        "scene", nargs="?", metavar="SCENE", help="scene file (TOML), room, showroom or hall"
     )
     group.add_argument(
         "--env",
@@ -175,7 +175,9 @@ def object_scene_from(args: argparse.Namespace) -> "ObjectScene | None":
 
 def add_object_arguments(parser: argparse.ArgumentParser) -> None:
     """--supersampling and --update, for scenes of objects."""
-    group = parser.add_argument_group("scene of objects (a file with [[objects]], room, showroom)")
+    group = parser.add_argument_group(
+        "scene of objects (a file with [[objects]], room, showroom, hall)"
+    )
     group.add_argument("--supersampling", type=int, metavar="K", help="K x K rays a pixel")
     group.add_argument(
         "--update", action="store_true", default=None, help="bake and capture again, cached or not"

@@ -2,7 +2,7 @@
 
 import pathlib
 
-BUILTIN_SCENES = ("room", "showroom")
+BUILTIN_SCENES = ("room", "showroom", "hall")
 
 
 def builtin_scene(name: str) -> pathlib.Path | None:
