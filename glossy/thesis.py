@@ -36,19 +36,8 @@ from .frames import SurfacePoints
 from .pattern import distribution
 from .pyramid import Pyramid
 from .sampler import k_trilinear_rgb
-from .shading import (
-    KERNELS,
-    Patterns,
-    Row,
-    TapTable,
-    chunks,
-    cut_row,
-    join_rows,
-    k_frame,
-    k_fresnel,
-    k_tap,
-    patterns_of,
-)
+from .shading import KERNELS, chunks, k_frame, k_fresnel, k_tap
+from .tap_table import Patterns, Row, TapTable, cut_row, join_rows, patterns_of
 from .thesis_pattern import thesis_pattern
 from .thesis_tiles import BY_BRDF_COS, BY_PDF, BY_PDF_COS, shade_mean_tiles
 

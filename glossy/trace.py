@@ -24,7 +24,8 @@ from .frames import SurfacePoints
 from .pyramid import Pyramid
 from .sampler import k_trilinear_rgb
 from .shading import TABLES as SUMS
-from .shading import TapTable, k_frame, k_fresnel, k_tap
+from .shading import k_frame, k_fresnel, k_tap
+from .tap_table import TapTable
 from .thesis import MeanTable, k_share, thesis_table
 from .thesis_tiles import BY_BRDF_COS, BY_PDF_COS
 

@@ -14,7 +14,7 @@ MODULES = sorted(p.relative_to(PACKAGE).with_suffix("").as_posix() for p in PACK
 
 JUDGED = {
     "pyramid", "sampler", "seams", "footprint", "shading", "pattern", "trace", "methods",
-    "thesis", "thesis_pattern",
+    "thesis", "thesis_pattern", "tap_table",
 }  # fmt: skip
 """What the ground truth judges and must share nothing with."""
 

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 import glossy
 from glossy import CubeMap, Lobe, Material, SurfacePoints
-from glossy.truth import cells, environment, montecarlo, random, texels
+from glossy.truth import cells, environment, montecarlo, random
+from glossy.truth import nodes as block_nodes
 
 Array = npt.NDArray[np.float64]
 
@@ -522,7 +523,7 @@ def test_a_lobe_alone_is_a_material_of_one(estimator: str) -> None:
 def test_the_lobe_at_the_nodes_is_the_brdf_times_the_cosine(alpha: float) -> None:
     """The quadrature's own loop against ``Material.eval``; its exponential is good to 1e-12."""
     rng = np.random.default_rng(5)
-    nodes = np.stack([texels.NODES_S, texels.NODES_T, np.ones(36)], axis=-1)
+    nodes = np.stack([block_nodes.NODES_S, block_nodes.NODES_T, np.ones(36)], axis=-1)
     for m in (0.5, 0.1, 0.02):
         lobe = Lobe(m, 0.5 * m, r0=0.3, alpha=alpha)
         for _ in range(20):
@@ -531,7 +532,9 @@ def test_the_lobe_at_the_nodes_is_the_brdf_times_the_cosine(alpha: float) -> Non
             size, centre = rng.uniform(0.01, 0.3), rng.uniform(-0.7, 0.7, size=2)
             basis = np.stack([frame[:, 2], frame[:, 0], frame[:, 1]])
             v, w = np.empty(36), np.empty(36)
-            texels.k_lobe_at_nodes(centre[0], centre[1], size, size, basis, wo, lobe.pack(), v, w)
+            block_nodes.k_lobe_at_nodes(
+                centre[0], centre[1], size, size, basis, wo, lobe.pack(), v, w
+            )
             local = (nodes * [size, size, 1.0] + [*centre, 0.0]) @ np.roll(basis, -1, axis=0)
             local /= np.linalg.norm(local, axis=-1, keepdims=True)
             cosine = np.maximum(local[:, 2], 0.0)

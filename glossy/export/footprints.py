@@ -8,7 +8,7 @@ import numpy as np
 from .. import _check
 from ..footprint import FOOTPRINTS
 from ..pattern import Float64Array, Pattern
-from ..shading import cut_row
+from ..tap_table import cut_row
 from .template import Constant, Equation, ShaderLobe
 
 TEXELS: dict[str, Equation] = {

@@ -19,7 +19,7 @@ from .._version import __version__
 from ..brdf import Lobe, Material
 from ..methods import METHODS
 from ..planes import BoundingPlanes
-from ..shading import Patterns, patterns_of
+from ..tap_table import Patterns, patterns_of
 from . import importance, lattice, regular, thesis
 from .languages import LANGUAGES, Language
 from .tables import write
