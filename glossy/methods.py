@@ -68,11 +68,15 @@ def preparation_options(name: str) -> list[str]:
     return [p for p in inspect.signature(preparation(name)).parameters if p not in SCENE]
 
 
+def bound_to_material(name: str) -> bool:
+    """Whether what a method looks up depends on the material."""
+    return "material" in inspect.signature(preparation(name)).parameters
+
+
 def prepare(name: str, cube: Any, material: Any, **options: Any) -> Any:
     """The third argument of ``shade`` for a method, from a cube map and the material."""
-    function = preparation(name)
-    needs = "material" in inspect.signature(function).parameters
-    return function(cube, **({"material": material} if needs else {}), **options)
+    bound = {"material": material} if bound_to_material(name) else {}
+    return preparation(name)(cube, **bound, **options)
 
 
 def tracer(name: str) -> Callable[..., Any]:

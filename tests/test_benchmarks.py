@@ -18,6 +18,7 @@ HEADINGS = {
     "bench_fit": "over NumPy",
     "bench_latlong": "error of power",
     "bench_lattice": "lattice over regular",
+    "bench_methods": "picture over regular",
     "bench_pyramid": "over a copy",
     "bench_reference": "mitsuba over glossy",
     "bench_shade": "x llvmpipe",

@@ -12,7 +12,6 @@ import dataclasses
 import itertools
 import time
 from collections.abc import Mapping, Sequence
-from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -93,11 +92,6 @@ def cell_key(case: str, method: str, budget: int, bias_kind: str) -> str:
     return f"{slug}_{budget}_{bias_kind}"
 
 
-def _bound(method: MethodSpec) -> bool:
-    """Whether what a method looks up depends on the material."""
-    return "material" in signature(methods.preparation(method.name)).parameters
-
-
 def comparable(cells: Sequence[Cell]) -> list[Cell]:
     """The cells whose times may stand beside each other: of one processor, quiet or all loaded.
 
@@ -171,13 +165,17 @@ class Bench:
     def prepared(self, case: Case, method: MethodSpec) -> Any:
         """What a method looks up, made once; for every case if it depends on the material."""
         make = methods.preparation(method.name)
-        key = (make.__module__, make.__qualname__, case.name if _bound(method) else "")
+        key = (
+            make.__module__,
+            make.__qualname__,
+            case.name if methods.bound_to_material(method.name) else "",
+        )
         if key not in self._prepared:
             self._prepared[key] = self._make(case.material, method)
         return self._prepared[key]
 
     def _make(self, material: "Material", method: MethodSpec) -> Any:
-        known = signature(methods.preparation(method.name)).parameters
+        known = methods.preparation_options(method.name)
         own = {k: v for k, v in self.plan.preparation.items() if k in known}
         return methods.prepare(method.name, self.cube, material, **own)
 
@@ -253,7 +251,7 @@ class Bench:
             case.material,
             prepare=lambda material: self._make(material, method),
             shade=lambda material, made: shade(pixel, material, made, method=method.name, **own),
-            bound=_bound(method),
+            bound=methods.bound_to_material(method.name),
             given=self.cube,
         )
 

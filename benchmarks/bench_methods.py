@@ -1,0 +1,196 @@
+"""Every method against the same truth in the same scenes: error, time, preparation, memory.
+
+    python benchmarks/bench_methods.py --json methods.json
+    python benchmarks/bench_methods.py --env room.hdr --env sky --size 256
+
+A sphere in each environment, against ``glossy.reference``.
+Errors are RMS over the picture, relative to the RMS of the truth. Times are CPU times on one
+thread, compiled: of a picture, over that of regular sampling in the same turn; and of what a method
+makes anew when the map or the material changes (``glossy.study.preparation``).
+"""
+
+import dataclasses
+import functools
+import statistics
+from collections.abc import Mapping
+from typing import Any
+
+import common
+import numpy as np
+
+LOBES = ("mx=.05", "mx=.15", "mx=.4", "mx=.2,my=.075")
+TOLERANCE = 2e-3  # of the truth
+BASELINE = "regular, n = 14"
+
+
+@dataclasses.dataclass(frozen=True)
+class Contender:
+    """A method with its options for ``shade`` and for ``methods.prepare``."""
+
+    method: str
+    shade: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    prepare: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+
+JACOBIAN = {"footprint": "jacobian"}
+CONTENDERS = {
+    BASELINE: Contender("regular", {"samples": 14, "threshold": 0.2, **JACOBIAN}),
+    "regular, n = 30": Contender("regular", {"samples": 30, "threshold": 0.1, **JACOBIAN}),
+    "importance, n = 14": Contender("importance", {"samples": 14}),
+    "importance, n = 30": Contender("importance", {"samples": 30}),
+    "thesis, n = 7": Contender("thesis", {"samples": 7, "bias": -1.5}),
+    "lattice, n = 14": Contender("lattice", {"samples": 14}),
+    "lattice, n = 14, round": Contender("lattice", {"samples": 14}, {"filter": "round"}),
+    "split-sum": Contender("split-sum"),
+    "axis-taps, n = 8": Contender("axis-taps", {"samples": 8}),
+}
+
+
+def picture(side: int) -> Any:
+    """Surface points of a sphere that fills a square picture."""
+    from glossy.scene import Sphere, default_camera, surface_points
+
+    points = surface_points(default_camera(Sphere(), side, side), Sphere())
+    return points[points.coverage]
+
+
+def relative_rms(image: Any, truth: Any) -> float:
+    """RMS of the difference over the RMS of the truth."""
+    return float(np.sqrt(np.mean(np.square(image - truth)) / np.mean(np.square(truth))))
+
+
+class Stand:
+    """A contender at one cube map and material, prepared."""
+
+    def __init__(self, name: str, cube: Any, material: Any) -> None:
+        from glossy import methods
+
+        self.name, self.contender, self.cube, self.material = name, CONTENDERS[name], cube, material
+        self.bound = methods.bound_to_material(self.contender.method)
+        self.prepared = self.prepare(material)
+
+    def prepare(self, material: Any) -> Any:
+        """What the method looks up."""
+        from glossy import methods
+
+        return methods.prepare(self.contender.method, self.cube, material, **self.contender.prepare)
+
+    def shade(self, points: Any, material: Any = None, prepared: Any = None) -> Any:
+        """The picture."""
+        import glossy
+
+        own = self.prepared if prepared is None else prepared
+        lit = self.material if material is None else material
+        c = self.contender
+        return glossy.shade(points, lit, own, method=c.method, **c.shade)
+
+    def preparation(self, points: Any) -> Any:
+        """Its time and memory."""
+        from glossy.study import preparation
+
+        one = points[:1]
+        return preparation.measure(
+            "",
+            self.name,
+            self.material,
+            prepare=self.prepare,
+            shade=lambda material, made: self.shade(one, material, made),
+            bound=self.bound,
+            given=self.cube,
+        )
+
+
+def judge(env: str, size: int, side: int, rounds: int) -> list[dict[str, Any]]:
+    """A row for each lobe and method in one environment."""
+    import glossy
+    from glossy.materials import parse_material
+    from glossy.scene import EnvironmentSource
+    from glossy.study.measure import one_thread
+
+    cube, points = EnvironmentSource(env, size).load(), picture(side)
+    rows = []
+    for text in LOBES:
+        material = parse_material(text)
+        truth = glossy.reference(points, material, cube, tolerance=TOLERANCE, diffuse=False)
+        level = float(np.sqrt(np.mean(np.square(truth.radiance))))
+        stands = []
+        for name in CONTENDERS:
+            try:
+                stands.append(Stand(name, cube, material))
+            except ValueError:  # an isotropic method, an anisotropic lobe
+                continue
+        with one_thread():
+            turns = {s.name: functools.partial(s.shade, points) for s in stands}
+            times = common.interleaved(turns, rounds)
+        for stand in stands:
+            made = stand.preparation(points)
+            rows.append(
+                {
+                    "environment": env,
+                    "lobe": text,
+                    "method": stand.name,
+                    "relative_rms": relative_rms(stand.shade(points), truth.radiance),
+                    "truth_error": float(np.sqrt(np.mean(np.square(truth.error)))) / level,
+                    "seconds": min(times[stand.name]),
+                    "over_regular": common.ratio(times, stand.name, BASELINE)[1],
+                    "new_map_seconds": made.new_map_seconds,
+                    "new_material_seconds": made.new_material_seconds,
+                    "bytes": made.bytes,
+                }
+            )
+    return rows
+
+
+def _median(rows: list[dict[str, Any]], key: str) -> float:
+    return float(statistics.median(row[key] for row in rows))
+
+
+def error_table(rows: list[dict[str, Any]]) -> str:
+    """Median of the relative RMS error over the environments [%], and the largest."""
+    body: list[list[object]] = []
+    for name in CONTENDERS:
+        cells = []
+        for lobe in LOBES:
+            own = [
+                100.0 * r["relative_rms"] for r in rows if (r["method"], r["lobe"]) == (name, lobe)
+            ]
+            cells.append(f"{statistics.median(own):.1f} ({max(own):.1f})" if own else "–")
+        body.append([name, *cells])
+    return common.table(["method", *LOBES], body)
+
+
+def cost_table(rows: list[dict[str, Any]]) -> str:
+    """Time of a picture over regular sampling's, preparation [ms], memory [MB]: medians."""
+    body: list[list[object]] = []
+    for name in CONTENDERS:
+        own = [r for r in rows if r["method"] == name]
+        if own:
+            figures = [_median(own, "over_regular")]
+            figures += [1e3 * _median(own, f"new_{k}_seconds") for k in ("map", "material")]
+            figures += [1e-6 * _median(own, "bytes")]
+            body.append([name, *(f"{value:.3g}" for value in figures)])
+    head = ["method", "picture over regular", "new map [ms]", "new material [ms]", "memory [MB]"]
+    return common.table(head, body)
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = common.arguments(__doc__)
+    parser.add_argument("--env", action="append", help="a built-in name or a file; repeatable")
+    parser.add_argument("--size", type=int, default=256)
+    parser.add_argument("--side", type=int, default=96, help="pixels along the picture")
+    args = parser.parse_args()
+    if args.quick:
+        args.size, args.side, args.rounds, args.env = 16, 8, 1, ["spots"]
+    rows = []
+    for env in args.env or ["spots", "studio", "sky"]:
+        rows += judge(env, args.size, args.side, args.rounds)
+    print("Relative RMS error [%], median over the maps (largest)\n")
+    print(error_table(rows) + "\n")
+    print("Cost, medians over maps and lobes\n")
+    print(cost_table(rows) + "\n")
+    common.write(args.json, "methods", rows)
+
+
+if __name__ == "__main__":
+    main()
