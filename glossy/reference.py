@@ -32,7 +32,7 @@ from .cubemap import CubeMap
 from .frames import SurfacePoints
 from .planes import BoundingPlanes
 from .truth.cells import check_finite, radiance_tree
-from .truth.montecarlo import monte_carlo, quasi_monte_carlo
+from .truth.montecarlo import CubeDraws, Draws, monte_carlo, quasi_monte_carlo
 from .truth.plain import PROBES, PlainQuadrature
 from .truth.planes import PlaneLight
 from .truth.random import uniform
@@ -162,59 +162,65 @@ def reference_passes(
         raise _check.fail("cube", "must be a CubeMap", type(cube).__name__)
     check_finite(cube)
     shown = _shown(material, diffuse)
+    seen, frames, views = seen_points(points)
+    if estimator == "texels":
+        if parallax is not None:
+            raise _check.fail("estimator", "must be mc or qmc with parallax", estimator)
+        bound = TOLERANCE if goal is None else goal
+        return _texels(points.shape, shown, cube, frames, views, seen, bound, most, seed)
+    light = None if parallax is None else _plane_light(points, cube, parallax, seen)
+    draws = CubeDraws(shown, cube, frames, views, light)
+    return draw_passes(points.shape, seen, draws, estimator, most, goal, seed)
+
+
+def seen_points(points: SurfacePoints) -> tuple[IntArray, Float64Array, Float64Array]:
+    """Flat indices (K,) of the points that count, frames (K, 3, 3) and local views (K, 3)."""
     seen = np.flatnonzero(points.coverage.reshape(-1))
     axes = (points.tangent, points.bitangent, points.normal)
     frames = np.stack([a.reshape(-1, 3)[seen] for a in axes], axis=1)
-    views = points.local_view.reshape(-1, 3)[seen]
-    light = None if parallax is None else _plane_light(points, cube, parallax, estimator, seen)
-    return _run(points.shape, shown, cube, estimator, most, goal, seed, seen, frames, views, light)
+    return seen, frames, points.local_view.reshape(-1, 3)[seen]
 
 
 def _plane_light(
-    points: SurfacePoints, cube: CubeMap, planes: BoundingPlanes, estimator: str, seen: IntArray
+    points: SurfacePoints, cube: CubeMap, planes: BoundingPlanes, seen: IntArray
 ) -> PlaneLight:
     if not isinstance(planes, BoundingPlanes):
         raise _check.fail("parallax", "must be BoundingPlanes", type(planes).__name__)
-    if estimator == "texels":
-        raise _check.fail("estimator", "must be mc or qmc with parallax", estimator)
     if points.position is None:
         raise _check.fail("points", "must have positions for parallax", None)
     return PlaneLight(cube, planes, points.position.reshape(-1, 3)[seen])
 
 
-def _run(
+def _truth(
     shape: tuple[int, ...],
-    material: Any,
-    cube: CubeMap,
+    seen: IntArray,
+    found: tuple[Float64Array, Float64Array, IntArray],
+    kind: str,
+    estimator: str,
+) -> Truth:
+    """Radiance and error (K, 3) and samples (K,) of the points seen, spread over all of them."""
+    size = int(np.prod(shape))
+    radiance, error = np.zeros((size, 3)), np.zeros((size, 3))
+    count = np.zeros(size, dtype=np.int64)
+    radiance[seen], error[seen], count[seen] = found
+    whole = radiance.reshape(*shape, 3), error.reshape(*shape, 3)
+    return Truth(*whole, kind, estimator, count.reshape(shape))
+
+
+def draw_passes(
+    shape: tuple[int, ...],
+    seen: IntArray,
+    draws: Draws,
     estimator: str,
     samples: int,
     tolerance: float | None,
     seed: int,
-    seen: IntArray,
-    frames: Float64Array,
-    views: Float64Array,
-    planes: PlaneLight | None,
 ) -> Iterator[Truth]:
-    def spread(value: Float64Array, error: Float64Array, used: IntArray, kind: str) -> Truth:
-        size = int(np.prod(shape))
-        radiance, wrong = np.zeros((size, 3)), np.zeros((size, 3))
-        count = np.zeros(size, dtype=np.int64)
-        radiance[seen], wrong[seen], count[seen] = value, error, used
-        return Truth(
-            radiance.reshape(*shape, 3),
-            wrong.reshape(*shape, 3),
-            kind,
-            estimator,
-            count.reshape(shape),
-        )
-
-    if estimator == "texels":
-        goal = TOLERANCE if tolerance is None else tolerance
-        yield spread(*_texels(material, cube, frames, views, seen, goal, samples, seed), "bound")
-        return
+    """Truths of points of ``shape``, of which those at ``seen`` (K,) count, pass by pass."""
     method = monte_carlo if estimator == "mc" else quasi_monte_carlo
-    for value, error, used in method(material, cube, frames, views, seen, samples, seed, planes):
-        yield spread(value, error, np.full(len(seen), used, dtype=np.int64), "standard")
+    for value, error, used in method(draws, seen, samples, seed):
+        count = np.full(len(seen), used, dtype=np.int64)
+        yield _truth(shape, seen, (value, error, count), "standard", estimator)
         if tolerance is not None and _rms(error) <= tolerance * _rms(value):
             return
 
@@ -224,6 +230,7 @@ def _rms(x: Float64Array) -> float:
 
 
 def _texels(
+    shape: tuple[int, ...],
     material: Any,
     cube: CubeMap,
     frames: Float64Array,
@@ -232,18 +239,20 @@ def _texels(
     tolerance: float,
     work: int,
     seed: int,
-) -> tuple[Float64Array, Float64Array, IntArray]:
+) -> Iterator[Truth]:
     tree = radiance_tree(cube)
     if isinstance(material, Material):
         share = material.diffuse_share(views)
-        return integrate(frames, views, material.pack(), tree, tolerance, work, share)
+        found = integrate(frames, views, material.pack(), tree, tolerance, work, share)
+        yield _truth(shape, index, found, "bound", "texels")
+        return
     plain = PlainQuadrature(material, cube, tree, tolerance, work)
     value, error = np.zeros((len(views), 3)), np.zeros((len(views), 3))
     used = np.zeros(len(views), dtype=np.int64)
     for k, flat in enumerate(index):
         xi = uniform(seed, np.array([flat]), 0, PROBES, 2)[0]
         value[k], error[k], used[k] = plain.point(frames[k], views[k], xi)
-    return value, error, used
+    yield _truth(shape, index, (value, error, used), "bound", "texels")
 
 
 def _shown(material: Any, diffuse: bool) -> Any:
