@@ -85,6 +85,11 @@ def test_the_core_does_not_know_what_is_built_on_it(module: str) -> None:
     assert not reachable(module) & forbidden
 
 
+def test_the_truth_of_planar_reflectors_knows_no_buffer() -> None:
+    named = imports("planar/truth") | imports("truth/rays")
+    assert not {m for m in named if m.startswith("planar/")}
+
+
 @pytest.mark.parametrize("module", MODULES)
 def test_only_one_module_decorates_kernels(module: str) -> None:
     text = (PACKAGE / f"{module}.py").read_text()

@@ -7,8 +7,10 @@ points y spread evenly over rectangles of area A, normal l, and the sky by its m
 
     p_e(w) = (1/M) (sum |y - x|^2 / (A |w.l|) over the rectangles that w meets + p_sky(w))  (1)
 
-whatever is in the way, and from behind too, since that is how they are drawn. Without lights the
-material's directions are all. Directions for which the BSDF is 0 cost no ray.
+whatever is in the way, and from behind too, since that is how they are drawn. p_sky follows what
+the sky has above its mean, since the lobe's own draws serve the rest better (Karlik et al. 2019,
+"MIS compensation"); an even sky is no light in this sense. Without lights the material's
+directions are all. Directions for which the BSDF is 0 cost no ray.
 """
 
 from collections.abc import Callable
@@ -42,8 +44,8 @@ class LightSampler:
         across = np.cross(self.edges[:, 0], self.edges[:, 1])
         self.area = np.linalg.norm(across, axis=-1)
         self.normal = across / self.area[:, None]
-        self.sky = None if sky is None else EnvironmentSampler(sky)
-        self.count = len(corners) + (sky is not None)
+        self.sky = None if sky is None else _above_mean(sky)
+        self.count = len(corners) + (self.sky is not None)
 
     def sample(self, x: Float64Array, u: Float64Array) -> Float64Array:
         """Unit directions (K, S, 3) from points (K, 3), for uniform numbers (K, S, 2) in (0, 1).
@@ -81,6 +83,16 @@ class LightSampler:
         if self.sky is not None:
             total += self.sky.pdf(w)
         return total / self.count
+
+
+def _above_mean(sky: CubeMap) -> EnvironmentSampler | None:
+    """Sampler of what is brighter than the mean over the sphere; None for an even sky."""
+    light = sky.faces.mean(axis=3, dtype=np.float64)
+    weight = sky.solid_angles() / (4.0 * np.pi)
+    above = light - np.sum(light * weight)
+    above[above < 1e-6 * light] = 0.0
+    faces = np.repeat(np.maximum(above, 0.0)[..., None], 3, axis=3)
+    return EnvironmentSampler(CubeMap(faces.astype(np.float32))) if above.any() else None
 
 
 def _unit(v: Float64Array, other: Float64Array) -> Float64Array:
