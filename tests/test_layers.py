@@ -22,6 +22,7 @@ BUILT_ON_IT = (
     "commands/",
     "measured/",
     "pem/",
+    "planar/",
     "planning/",
     "prefiltered/",
     "scenes/",
