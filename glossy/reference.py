@@ -161,7 +161,7 @@ def reference_passes(
     if not isinstance(cube, CubeMap):
         raise _check.fail("cube", "must be a CubeMap", type(cube).__name__)
     check_finite(cube)
-    shown = _shown(material, diffuse)
+    shown = shown_material(material, diffuse)
     seen, frames, views = seen_points(points)
     if estimator == "texels":
         if parallax is not None:
@@ -255,7 +255,7 @@ def _texels(
     yield _truth(shape, index, (value, error, used), "bound", "texels")
 
 
-def _shown(material: Any, diffuse: bool) -> Any:
+def shown_material(material: Any, diffuse: bool) -> Any:
     """The material as it is to be integrated; a Lobe alone is a Material of one."""
     if isinstance(material, Lobe):
         material = Material(reflection=[material])

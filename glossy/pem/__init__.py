@@ -1,4 +1,44 @@
-"""Partial environment maps: an environment cut into regions, one filtered map for each.
+"""Partial environment maps: an environment cut into regions, each with its maps and its shadow.
 
 ``regions`` cuts the cube map, ``maps`` holds the masked pyramids and their sum under visibility.
+``shadow`` has the visibility of regions as variance shadow maps know it, ``visibility`` as rays do,
+``truth`` the radiance under ray-cast shadows. Names are loaded on first use.
 """
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .maps import PartialMaps, partial_maps
+    from .regions import Regions, regions
+    from .shadow import ShadowMaps, shadow_maps
+    from .truth import reference_occluded
+    from .visibility import region_visibility
+
+_WHERE = {
+    "PartialMaps": "maps",
+    "Regions": "regions",
+    "ShadowMaps": "shadow",
+    "partial_maps": "maps",
+    "reference_occluded": "truth",
+    "region_visibility": "visibility",
+    "regions": "regions",
+    "shadow_maps": "shadow",
+}
+
+__all__ = [
+    "PartialMaps",
+    "Regions",
+    "ShadowMaps",
+    "partial_maps",
+    "reference_occluded",
+    "region_visibility",
+    "regions",
+    "shadow_maps",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WHERE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f".{_WHERE[name]}", __name__), name)
