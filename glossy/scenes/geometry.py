@@ -219,6 +219,16 @@ class Geometry:
                 normal[rays], tangent[rays], front[rays] = frame
         return Hits(found, distance, position, normal, tangent, uv, part, front)
 
+    def analytic_distances(self, o: Float64Array, d: Float64Array) -> Float64Array:
+        """Distance (K,) to what rays as ``cast`` takes them meet first, meshes left out; inf."""
+        distance, found = np.empty(len(o)), np.empty(len(o), dtype=np.int64)
+        far = _check.frozen(np.broadcast_to(np.inf, (len(o),)))
+        intersect.closest(
+            o, d, far, 0.0, -1,
+            self._kinds, self._inverses, self._ratios, self._bounds, distance, found,
+        )  # fmt: skip
+        return distance
+
     def occluded(
         self,
         origins: npt.ArrayLike,
