@@ -91,6 +91,12 @@ def test_the_truth_of_planar_reflectors_knows_no_buffer() -> None:
     assert not {m for m in named if m.startswith("planar/")}
 
 
+def test_the_truth_with_shadows_knows_neither_maps_nor_shadow_maps() -> None:
+    found = reachable("pem/truth")
+    assert not found & JUDGED
+    assert {m for m in found if m.startswith("pem/")} <= {"pem/truth"}
+
+
 @pytest.mark.parametrize("module", MODULES)
 def test_only_one_module_decorates_kernels(module: str) -> None:
     text = (PACKAGE / f"{module}.py").read_text()

@@ -55,8 +55,8 @@ def test_a_wall_through_the_point_takes_half_of_a_lobe(estimator: str) -> None:
     truth = reference_occluded(
         ground(UP[None]), lobe, WHITE, wall, estimator, samples=4096, seed=3, offset=1e-7
     )
-    whole = glossy.reference(ground(UP[None]), lobe, WHITE, tolerance=1e-5)
-    np.testing.assert_array_less(np.abs(truth.radiance - 0.5 * whole.radiance), Z * truth.error)
+    whole = Material(reflection=[lobe]).albedo([0.0, 0.0, 1.0])[0]
+    np.testing.assert_array_less(np.abs(truth.radiance - 0.5 * whole), Z * truth.error)
     assert truth.estimator == estimator
     assert truth.error_kind == "standard"
 
@@ -68,8 +68,8 @@ def misses_sphere(w: Array, centre: Array, radius: float) -> npt.NDArray[np.bool
 
 
 def test_against_a_plain_quadrature() -> None:
-    """Midpoints of 512 x 2048 cells over the hemisphere, with a shadow test of their own."""
-    rows, columns = 512, 2048
+    """Midpoints of 384 x 1024 cells over the hemisphere, with a shadow test of their own."""
+    rows, columns = 384, 1024
     z = (np.arange(rows) + 0.5) / rows
     phi = (np.arange(columns) + 0.5) * (2.0 * math.pi / columns)
     local = spherical(np.arccos(z)[:, None], phi[None, :]).reshape(-1, 3)
@@ -86,9 +86,9 @@ def test_against_a_plain_quadrature() -> None:
         for wo in points.local_view
     ]  # fmt: skip
     geometry = Geometry([(Sphere(radius), Transform(tuple(centre)))])
-    truth = reference_occluded(points, material, cube, geometry, samples=8192)
+    truth = reference_occluded(points, material, cube, geometry, samples=2048)
     np.testing.assert_array_less(np.abs(truth.radiance - expected), Z * truth.error + 1e-4)
-    plain = glossy.reference(points, material, cube)
+    plain = glossy.reference(points, material, cube, "qmc", samples=2048)
     assert np.all(plain.radiance - truth.radiance > 10.0 * truth.error)  # the sphere does matter
 
 
@@ -140,7 +140,7 @@ def test_points_alone_or_together_and_any_threads_give_the_same_bits() -> None:
         ({"geometry": None}, "geometry: must be a glossy.scenes.Geometry"),
         ({"points": SurfacePoints(UP, None, UP)}, "points: must have positions"),
         ({"points": None}, "points: must be SurfacePoints"),
-        ({"estimator": "texels"}, "estimator: must be one of mc, qmc"),
+        ({"estimator": "texels"}, "estimator: must be one of qmc, mc"),
         ({"offset": -1.0}, "offset: must be in"),
         ({"samples": 1}, "samples: must be at least 2"),
     ],
@@ -151,5 +151,3 @@ def test_errors_are_one_line(change: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message) as caught:
         reference_occluded(**{**given, **change})
     assert "\n" not in str(caught.value)
-
-

@@ -9,33 +9,18 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .maps import PartialMaps, partial_maps
-    from .regions import Regions, regions
     from .shadow import ShadowMaps, shadow_maps
     from .truth import reference_occluded
     from .visibility import region_visibility
 
 _WHERE = {
-    "PartialMaps": "maps",
-    "Regions": "regions",
     "ShadowMaps": "shadow",
-    "partial_maps": "maps",
     "reference_occluded": "truth",
     "region_visibility": "visibility",
-    "regions": "regions",
     "shadow_maps": "shadow",
 }
 
-__all__ = [
-    "PartialMaps",
-    "Regions",
-    "ShadowMaps",
-    "partial_maps",
-    "reference_occluded",
-    "region_visibility",
-    "regions",
-    "shadow_maps",
-]
+__all__ = ["ShadowMaps", "reference_occluded", "region_visibility", "shadow_maps"]
 
 
 def __getattr__(name: str) -> Any:

@@ -38,7 +38,7 @@ class LightSpace:
         """(R, K, 3): a, b, z of places (K, 3) for every light."""
         out = np.einsum("kx,rax->rka", (position - self.centre) / self.radius, self.frames)
         out[..., 2] *= -1.0
-        return out
+        return np.asarray(out)
 
 
 def light_frames(directions: Float64Array) -> Float64Array:
@@ -63,13 +63,13 @@ def light_space(geometry: Geometry, directions: npt.ArrayLike) -> LightSpace:
     ValueError
         For directions of another shape, or a scene of nothing.
     """
-    l = _check.unit_vectors("directions", directions)
-    if l.ndim != 2:
-        raise _check.fail("directions", "must have shape (lights, 3)", l.shape)
+    light = _check.unit_vectors("directions", directions)
+    if light.ndim != 2:
+        raise _check.fail("directions", "must have shape (lights, 3)", light.shape)
     if geometry.diagonal == 0.0:
         raise _check.fail("geometry", "must hold something that casts shadows", "nothing")
     low, high = geometry.boxes[:, 0].min(axis=0), geometry.boxes[:, 1].max(axis=0)
-    return LightSpace(0.5 * (low + high), 0.5 * geometry.diagonal, light_frames(l))
+    return LightSpace(0.5 * (low + high), 0.5 * geometry.diagonal, light_frames(light))
 
 
 @parallel_kernel
@@ -114,7 +114,9 @@ def depth_maps(geometry: Geometry, space: LightSpace, size: int) -> Float32Array
     count = len(space.frames)
     depth = np.full((count, size, size), FAR, dtype=np.float32)
     for mesh in geometry.meshes.values():
-        corners = np.stack([mesh.corner, mesh.corner + mesh.edge1, mesh.corner + mesh.edge2], axis=1)
+        corners = np.stack(
+            [mesh.corner, mesh.corner + mesh.edge1, mesh.corner + mesh.edge2], axis=1
+        )
         corners = (corners - space.centre) / space.radius
         _rasterise(_check.frozen(corners), _check.frozen(space.frames), depth)
     if len(geometry.meshes) == len(geometry.kinds):
@@ -122,12 +124,11 @@ def depth_maps(geometry: Geometry, space: LightSpace, size: int) -> Float32Array
     across = (np.arange(size) + 0.5) * (2.0 / size) - 1.0
     b, a = np.meshgrid(across, across, indexing="ij")
     start = 2.0  # radii from the centre: before everything
-    for r, (u, v, l) in enumerate(space.frames):
-        plane = a[..., None] * u + b[..., None] * v + start * l
+    for r, (u, v, light) in enumerate(space.frames):
+        plane = a[..., None] * u + b[..., None] * v + start * light
         origin = (space.centre + space.radius * plane).reshape(-1, 3)
-        ray = np.broadcast_to(-l, origin.shape)
+        ray = np.broadcast_to(-light, origin.shape)
         met = geometry.analytic_distances(_check.frozen(origin), _check.frozen(ray))
         z = (met / space.radius - start).reshape(size, size)
         np.minimum(depth[r], z.astype(np.float32), out=depth[r])
     return depth
-

@@ -40,7 +40,7 @@ from .._jit import Scalar, kernel, parallel_kernel
 from ..frames import SurfacePoints
 from ..scenes.geometry import Geometry
 from .depth import LightSpace, depth_maps, light_space
-from .truth import check_geometry, places
+from .truth import check_geometry, place
 
 Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
@@ -54,7 +54,9 @@ LIGHTS = 24  # lights whose maps are worked on at a time
 
 
 @parallel_kernel
-def _blur(source: Float32Array, weights: Float32Array, reach: Int64Array, out: Float32Array) -> None:
+def _blur(
+    source: Float32Array, weights: Float32Array, reach: Int64Array, out: Float32Array
+) -> None:
     """Blur rows of (C, S, S) across and write them as columns; beyond the map is ``FAR``.
 
     ``weights`` (C, taps): from the middle outwards, ``reach`` (C,) of them beside the middle. Both
@@ -79,7 +81,7 @@ def _blur(source: Float32Array, weights: Float32Array, reach: Int64Array, out: F
 
 
 def gaussian(sigma: float) -> Float32Array:
-    """Weights of a Gaussian of ``sigma`` texels from its middle outwards, both sides summing to 1."""
+    """Weights of a Gaussian of ``sigma`` texels, from its middle outwards; both sides sum to 1."""
     n = math.ceil(REACH * sigma)
     w = np.exp(-0.5 * np.square(np.arange(n + 1) / max(sigma, 1e-9)))
     return np.asarray(w / (2.0 * w.sum() - w[0]), dtype=np.float32)
@@ -153,9 +155,12 @@ def _visibility(
                 continue
             a = (f[0, 0] * x + f[0, 1] * y + f[0, 2] * z + 1.0) / texel - 0.5
             b = (f[1, 0] * x + f[1, 1] * y + f[1, 2] * z + 1.0) / texel - 0.5
-            t = -(f[2, 0] * x + f[2, 1] * y + f[2, 2] * z)
-            i = min(max(int(math.floor(a)), 0), size - 2)
-            j = min(max(int(math.floor(b)), 0), size - 2)
+            if not (-1.0 < a < size and -1.0 < b < size):
+                out[k, r] = share  # beside the scene
+                continue
+            t = min(-(f[2, 0] * x + f[2, 1] * y + f[2, 2] * z), 1.0)  # nothing is beyond FAR
+            i = min(max(math.floor(a), 0), size - 2)
+            j = min(max(math.floor(b), 0), size - 2)
             u = min(max(a - i, 0.0), 1.0)
             v = min(max(b - j, 0.0), 1.0)
             m = moments[r]
@@ -206,8 +211,9 @@ class ShadowMaps:
         ValueError
             For points without positions.
         """
-        position, normal = places(points)
-        x = (position - self.space.centre) / self.space.radius
+        x = (place(points) - self.space.centre) / self.space.radius
+        seen = np.flatnonzero(points.coverage)
+        normal = points.normal.reshape(-1, 3)[seen]
         part = np.empty((len(x), len(self)), dtype=np.float32)
         _visibility(
             _check.frozen(x),
@@ -223,7 +229,7 @@ class ShadowMaps:
         if points.mask is None:
             return part.reshape(*points.shape, len(self))
         out = np.zeros((points.coverage.size, len(self)), dtype=np.float32)
-        out[np.flatnonzero(points.coverage)] = part
+        out[seen] = part
         return out.reshape(*points.shape, len(self))
 
 
@@ -246,10 +252,10 @@ def shadow_maps(
     directions: npt.ArrayLike,
     solid_angles: npt.ArrayLike,
     size: int = 256,
-    softness: float = 0.3,
-    bias: float = 0.005,
+    softness: float = 0.07,
+    bias: float = 0.002,
     variance: float = 1e-5,
-    bleeding: float = 0.2,
+    bleeding: float = 0.1,
     storage: str = "rg32f",
 ) -> ShadowMaps:
     """Variance shadow maps of lights infinitely far away, softened by the lights' size.
