@@ -42,6 +42,15 @@ TAPS = {
 PLANNED = {"auto": "glossy.planning.auto:tap_counts"}
 """Taps of each lobe for (material, prepared, own options), where the method itself chooses them."""
 
+PLANES = {
+    **dict.fromkeys(("regular", "importance", "thesis"), "glossy.parallax:shade_table"),
+    **dict.fromkeys(("split-sum", "bent", "axis-taps"), "glossy.splitsum.planes:shade_chain"),
+    "lattice": "glossy.lattice.planes:shade_lattice",
+    "auto": "glossy.planning.auto:shade_plan",
+}
+"""What shades with bounding planes, ``(points, material, prepared, method, planes, precision,
+options)``; ``parallax.shade_planes`` has checked these."""
+
 TRACES = {"lattice": "glossy.lattice.trace:trace_lattice"}
 """What lists a method's samples, ``(point, material, pyramid, precision, **options)``, where
 ``trace`` itself does not."""
@@ -77,6 +86,11 @@ def prepare(name: str, cube: Any, material: Any, **options: Any) -> Any:
     """The third argument of ``shade`` for a method, from a cube map and the material."""
     bound = {"material": material} if bound_to_material(name) else {}
     return preparation(name)(cube, **bound, **options)
+
+
+def with_planes(name: str) -> Callable[..., Any]:
+    """What shades a method of ``PLANES`` with bounding planes."""
+    return _load(PLANES[name])
 
 
 def tracer(name: str) -> Callable[..., Any]:

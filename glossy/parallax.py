@@ -12,11 +12,12 @@ proportion to d^e, d = |w| / |w|_inf (e = 1 for the paper's footprint, else 3). 
     texels' = texels (d'/d)^e dw'/dw       "projected"                                      (3)
 
 (2) is what the thesis describes: the sample's solid angle as it leaves the surface, the cube as it
-is met along w'. Nothing here runs unless planes are given.
+is met along w'. Nothing here runs unless planes are given. The loop here is that of the methods
+with a table of samples; others have theirs where ``methods.PLANES`` says.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numba
@@ -31,7 +32,7 @@ from .frames import SurfacePoints
 from .planes import BoundingPlanes
 from .pyramid import Pyramid
 from .sampler import k_trilinear_rgb
-from .shading import CHUNK, k_frame, k_fresnel, k_tap
+from .shading import chunks, k_frame, k_fresnel, k_tap
 from .thesis import MeanTable, k_share
 from .thesis_tiles import BY_BRDF_COS
 from .trace import SUM, TABLES
@@ -83,14 +84,14 @@ def k_redirect(
 
 
 @kernel
-def k_level_change(
+def k_texels_change(
     w: tuple[Scalar, Scalar, Scalar],
     v: tuple[Scalar, Scalar, Scalar],
     det: Scalar,
     cubed: bool,
     projected: bool,
 ) -> Scalar:
-    """Change of level from direction ``w`` to ``v``, eq. (2) or (3)."""
+    """Texels covered along ``v`` over those along unit ``w``, eq. (2) or (3)."""
     before = max(abs(w[0]), abs(w[1]), abs(w[2]))  # 1 / d
     length = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     after = max(abs(v[0]), abs(v[1]), abs(v[2])) / length
@@ -99,7 +100,7 @@ def k_level_change(
         ratio = ratio * ratio * ratio
     if projected:
         ratio = ratio * det / (length * length * length)
-    return HALF * np.log2(ratio)
+    return ratio
 
 
 @parallel_kernel
@@ -149,7 +150,8 @@ def _shade_planes(
                     continue
                 w = (x, y, z)
                 vx, vy, vz, det = k_redirect(w, offset[p], inverse[p], normals, width)
-                level += k_level_change(w, (vx, vy, vz), det, footprint != PAPER, projected)
+                ratio = k_texels_change(w, (vx, vy, vz), det, footprint != PAPER, projected)
+                level += HALF * np.log2(ratio)
                 r, g, b = k_trilinear_rgb(vx, vy, vz, level, buffer, chain, stride, steps)
                 fr = k_fresnel(r0[j, 0], schlick, lobes[j, 4])
                 fg = k_fresnel(r0[j, 1], schlick, lobes[j, 4])
@@ -185,46 +187,67 @@ def inverse_distances(
     return np.asarray(np.clip(q, -LARGEST, LARGEST))
 
 
+def plane_chunks(
+    points: SurfacePoints, planes: BoundingPlanes, dtype: type
+) -> Iterator[tuple[Int64Array, tuple[FloatArray, ...]]]:
+    """Some of the points at a time: normal, tangent, view, x - c (K, 3), and (K, M) distances."""
+    assert points.position is not None
+    position = points.position.reshape(-1, 3)
+    for pick, frames in chunks(points, np.flatnonzero(points.coverage), dtype):
+        offset = _check.frozen((position[pick] - planes.centre).astype(dtype))
+        inverse = _check.frozen(inverse_distances(position[pick], planes).astype(dtype))
+        yield pick, (*frames, offset, inverse)
+
+
 def shade_planes(
     points: SurfacePoints,
     material: Material,
-    pyramid: Pyramid,
+    prepared: Any,
     method: str,
     planes: object,
     precision: str,
     options: Mapping[str, Any],
 ) -> FloatArray:
-    """Glossy radiance (..., 3) of a method that samples by a table, with corrected lookups.
+    """Glossy radiance (..., 3) of a method of ``methods.PLANES``, with corrected lookups.
 
     Raises
     ------
     ValueError
         For another method, points without positions, or a value out of range.
     """
-    if method not in TABLES:
-        rule = f"is for the methods {', '.join(TABLES)}"
+    if method not in methods.PLANES:
+        rule = f"is for the methods {', '.join(methods.PLANES)}"
         raise _check.fail("parallax", rule, method)
     if not isinstance(planes, BoundingPlanes):
         raise _check.fail("parallax", "must be BoundingPlanes", type(planes).__name__)
     if points.position is None:
         raise _check.fail("points", "must have positions for parallax", None)
+    methods.check_options(method, options)
+    _check.dtype_of(precision)
+    own = {name: value for name, value in options.items() if name != "kernel"}
+    run = methods.with_planes(method)
+    out: FloatArray = run(points, material, prepared, method, planes, precision, own)
+    return out
+
+
+def shade_table(
+    points: SurfacePoints,
+    material: Material,
+    pyramid: Pyramid,
+    method: str,
+    planes: BoundingPlanes,
+    precision: str,
+    options: Mapping[str, Any],
+) -> FloatArray:
+    """``shade_planes`` of a method that samples by a table."""
     if not isinstance(pyramid, Pyramid) or pyramid.channels != 3:
         raise _check.fail("pyramid", "must be a Pyramid of three channels", pyramid)
-    methods.check_options(method, options)
     dtype = _check.dtype_of(precision)
-    own = {name: value for name, value in options.items() if name != "kernel"}
-    table = TABLES[method](material, pyramid, **own).cast(dtype)
+    table = TABLES[method](material, pyramid, **options).cast(dtype)
     estimator = table.estimator if isinstance(table, MeanTable) else SUM
-    seen = np.flatnonzero(points.coverage)
-    vectors = [v.reshape(-1, 3) for v in (points.normal, points.tangent, points.view)]
-    position = points.position.reshape(-1, 3)
     normals = _check.frozen(planes.normals.astype(dtype))
     out: npt.NDArray[Any] = np.zeros((points.coverage.size, 3), dtype=dtype)
-    for start in range(0, len(seen), CHUNK):
-        pick = seen[start : start + CHUNK]
-        n, t, v = (_check.frozen(a[pick].astype(dtype)) for a in vectors)
-        offset = _check.frozen((position[pick] - planes.centre).astype(dtype))
-        inverse = _check.frozen(inverse_distances(position[pick], planes).astype(dtype))
+    for pick, (n, t, v, offset, inverse) in plane_chunks(points, planes, dtype):
         part = np.empty((len(pick), 3), dtype=dtype)
         _shade_planes(
             n, t, v, offset, inverse, normals, dtype(planes.width),

@@ -374,7 +374,7 @@ def shade(
         Irradiance on the other side, for ``diffuse_transmission`` in the same way.
     parallax : BoundingPlanes, optional
         Look up where each sample's direction meets these planes; needs points with positions and
-        a method that samples by a table (``regular``, ``importance``, ``thesis``).
+        a method of ``methods.PLANES``.
     **options
         The method's own: for ``regular`` samples, threshold, footprint, normalisation, bias,
         pattern, subtexel_bits, kernel.

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import glossy
+from glossy import methods
 from glossy.cli import main
 from glossy.scene import load_scene
 from glossy.scenes.builtin import BUILTIN_SCENES
@@ -336,10 +337,11 @@ def test_the_scenes_that_come_along_load(name: str) -> None:
         assert any(re.search("alumin", n) for n in names)
 
 
-def test_planes_refuse_a_method_without_tables_before_anything_is_baked(
-    tmp_path: pathlib.Path,
+def test_planes_refuse_a_method_that_cannot_use_them_before_anything_is_baked(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scene = load(tmp_path, ROOM.replace('name = "importance"', 'name = "split-sum"'))
+    monkeypatch.delitem(methods.PLANES, "importance")
+    scene = load(tmp_path, ROOM)
     with pytest.raises(ValueError, match=r"method\.name: must be one of .* with \[\[planes\]\]"):
         render_objects(scene)
     assert not (tmp_path / "cache").exists()

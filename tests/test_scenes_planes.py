@@ -1,12 +1,13 @@
 """Scenes of objects look up their bounding planes and refine towards their own truth."""
 
+import copy
 import dataclasses
 
 import numpy as np
 import pytest
 
 import glossy
-from glossy import Lobe, Material
+from glossy import Lobe, Material, methods
 from glossy.camera import Camera
 from glossy.converge import Limits
 from glossy.scene import EnvironmentSource
@@ -76,3 +77,17 @@ def test_planes_change_the_picture_and_its_truth_alike(prepared: PreparedScene) 
     change = truth.image - reference_objects(open_, "qmc", samples=2048).image
     assert glossy.rms(change, 0.0 * change) > 0.02
     assert glossy.rms(shown, change) < 0.5 * glossy.rms(change, 0.0 * change)
+
+
+@pytest.mark.parametrize("method", sorted(methods.PLANES))
+def test_every_method_shows_the_ball_on_its_floor(prepared: PreparedScene, method: str) -> None:
+    """All of them are nearer to the truth over the planes than they are without."""
+    scene = prepared.scene
+    truth = reference_objects(prepared, samples=512).image
+    errors = []
+    for planes in (scene.planes, ()):
+        shown = copy.copy(prepared)
+        shown.scene = dataclasses.replace(scene, planes=planes, method=method, samples=20)
+        pictured = render_objects(shown).image
+        errors.append(glossy.relative_rms(pictured, truth))
+    assert errors[0] < 0.5 * errors[1]

@@ -42,16 +42,7 @@ from ..sampler import k_trilinear_rgb
 from ..shading import KERNELS, chunks, k_frame, k_fresnel
 from ..taps import tap_constants
 from .table import lattice_taps, reflectivity_table
-from .tap import (
-    k_edge,
-    k_fresnel_white,
-    k_gauss_level,
-    k_lattice_pixel,
-    k_lattice_tap,
-    k_view,
-    k_view_scale,
-    k_white,
-)
+from .tap import k_gauss_level, k_lattice_pixel, k_lattice_tap, k_reflected
 from .tiles import shade_lattice_tiles
 
 FloatArray = npt.NDArray[np.floating]
@@ -174,13 +165,7 @@ def _shade_lattice(
                 red_sum += wr
                 green_sum += wg
                 blue_sum += wb
-            azimuth, k = k_view(wo[0], wo[1], ONE / lobes[j, 0], ONE / lobes[j, 1])
-            full = k_white(white[j], 0, azimuth, wo[2], k)
-            edge = k_edge(white[j], lobes[j, 4], azimuth, wo[2], k)
-            scale = k_view_scale(wo[2], k, lobes[j, 3])
-            fr = ks[j, 0] * scale * k_fresnel_white(r0[j, 0], full, edge, lobes[j, 4])
-            fg = ks[j, 1] * scale * k_fresnel_white(r0[j, 1], full, edge, lobes[j, 4])
-            fb = ks[j, 2] * scale * k_fresnel_white(r0[j, 2], full, edge, lobes[j, 4])
+            fr, fg, fb = k_reflected(white[j], lobes[j], ks[j], r0[j], wo)
             if red_sum > ZERO:
                 out[p, 0] += fr * (red / red_sum)
             if green_sum > ZERO:

@@ -150,3 +150,23 @@ def k_fresnel_white(r0: Scalar, full: Scalar, schlick: Scalar, side: Scalar) -> 
     """Reflectivity with F, or transmissivity with 1 - F, of ``k_white``'s parts."""
     f = (ONE - r0) * schlick
     return r0 * full + f if side > ZERO else f
+
+
+@kernel
+def k_reflected(
+    table: FloatArray,
+    lobe: FloatArray,
+    ks: FloatArray,
+    r0: FloatArray,
+    wo: tuple[Scalar, Scalar, Scalar],
+) -> tuple[Scalar, Scalar, Scalar]:
+    """Return ks R(wo) of eq. (4): what a lobe makes of a white environment."""
+    azimuth, k = k_view(wo[0], wo[1], ONE / lobe[0], ONE / lobe[1])
+    full = k_white(table, 0, azimuth, wo[2], k)
+    edge = k_edge(table, lobe[4], azimuth, wo[2], k)
+    scale = k_view_scale(wo[2], k, lobe[3])
+    return (
+        ks[0] * scale * k_fresnel_white(r0[0], full, edge, lobe[4]),
+        ks[1] * scale * k_fresnel_white(r0[1], full, edge, lobe[4]),
+        ks[2] * scale * k_fresnel_white(r0[2], full, edge, lobe[4]),
+    )

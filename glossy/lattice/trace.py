@@ -20,16 +20,7 @@ from ..sampler import k_trilinear_rgb
 from ..shading import k_frame
 from ..trace import Vector, to_vector, vector_text
 from .shade import lattice_table
-from .tap import (
-    k_edge,
-    k_fresnel_white,
-    k_gauss_level,
-    k_lattice_pixel,
-    k_lattice_tap,
-    k_view,
-    k_view_scale,
-    k_white,
-)
+from .tap import k_gauss_level, k_lattice_pixel, k_lattice_tap, k_reflected
 
 FloatArray = npt.NDArray[np.floating]
 
@@ -151,12 +142,7 @@ def _trace(
         out[k, 4], out[k, 5], out[k, 6] = area, variance, level
         out[k, 7], out[k, 8], out[k, 9] = r, g, b
         out[k, 10], out[k, 11] = weight, schlick
-    azimuth, towards = k_view(wo[0], wo[1], ONE / lobe[0], ONE / lobe[1])
-    full = k_white(table, 0, azimuth, wo[2], towards)
-    edge = k_edge(table, lobe[4], azimuth, wo[2], towards)
-    scale = k_view_scale(wo[2], towards, lobe[3])
-    for c in range(3):
-        white[c] = ks[c] * scale * k_fresnel_white(r0[c], full, edge, lobe[4])
+    white[0], white[1], white[2] = k_reflected(table, lobe, ks, r0, wo)
 
 
 def trace_lattice(

@@ -6,6 +6,7 @@ on nothing but these, so that pixels do not depend on which others are shaded wi
 """
 
 import weakref
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,11 @@ import numpy.typing as npt
 from .. import _check
 from ..brdf import Material
 from ..frames import SurfacePoints
+from ..parallax import shade_planes
+from ..planes import BoundingPlanes
 from ..pyramid import Pyramid
 from .plan import Plan, groups, plan
-from .probe import run_candidate
+from .probe import candidate_options, run_candidate
 
 COARSE = 16  # levels up to this size tell whether a pyramid was refilled
 
@@ -60,6 +63,24 @@ def auto(
     out: npt.NDArray[np.floating] = np.zeros((*points.shape, 3), dtype=dtype)
     for candidate, part in groups(material, planned(material, pyramid, max_error)):
         out += run_candidate(candidate, points, part, pyramid, precision)
+    return out
+
+
+def shade_plan(
+    points: SurfacePoints,
+    material: Material,
+    pyramid: Pyramid,
+    _method: str,
+    planes: BoundingPlanes,
+    precision: str,
+    options: Mapping[str, Any],
+) -> npt.NDArray[np.floating]:
+    """``auto`` with bounding planes: the plan is that of the map as its centre sees it."""
+    dtype = _check.dtype_of(precision)
+    out: npt.NDArray[np.floating] = np.zeros((*points.shape, 3), dtype=dtype)
+    for candidate, part in groups(material, planned(material, pyramid, **options)):
+        own = candidate_options(candidate)
+        out += shade_planes(points, part, pyramid, candidate.method, planes, precision, own)
     return out
 
 

@@ -25,16 +25,18 @@ levels is not seen.
 import contextlib
 import dataclasses
 from collections.abc import Iterator
+from typing import Any
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
+from .. import methods
 from ..brdf import Lobe, Material
 from ..cubemap import face_directions, locate
 from ..frames import SurfacePoints, reflect, sphere_tangent
 from ..pyramid import Pyramid
-from ..shading import importance, regular
+from ..shading import importance
 from .model import CANDIDATES, Candidate
 
 Float64Array = npt.NDArray[np.float64]
@@ -113,6 +115,12 @@ def alone(lobe: Lobe, side: float) -> Material:
     return Material(reflection=[lobe]) if side > 0.0 else Material(transmission=[lobe])
 
 
+def candidate_options(candidate: Candidate) -> dict[str, Any]:
+    """Options of a candidate's method."""
+    footprint = {"footprint": "jacobian"} if candidate.method == "regular" else {}
+    return {"samples": candidate.samples, **footprint}
+
+
 def run_candidate(
     candidate: Candidate,
     points: SurfacePoints,
@@ -121,16 +129,9 @@ def run_candidate(
     precision: str = "single",
 ) -> npt.NDArray[np.floating]:
     """Radiance (..., 3) of a material's lobes, each with the same candidate."""
-    if candidate.method == "regular":
-        return regular(
-            points, material, pyramid, precision=precision, samples=candidate.samples,
-            footprint="jacobian",
-        )  # fmt: skip
-    if candidate.method == "importance":
-        return importance(points, material, pyramid, precision=precision, samples=candidate.samples)
-    from ..lattice.shade import lattice
-
-    return lattice(points, material, pyramid, precision=precision, samples=candidate.samples)
+    run, own = methods.resolve(candidate.method), candidate_options(candidate)
+    out: npt.NDArray[np.floating] = run(points, material, pyramid, precision=precision, **own)
+    return out
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

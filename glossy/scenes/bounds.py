@@ -1,6 +1,6 @@
 """The bounding planes of a scene, as an object's lookups take them."""
 
-from .. import _check
+from .. import _check, methods
 from ..planes import BoundingPlanes
 from .model import ObjectScene
 from .prepared import PreparedScene
@@ -8,12 +8,10 @@ from .prepared import PreparedScene
 
 def check_planes(scene: ObjectScene) -> None:
     """Refuse planes for a method that cannot use them, before anything is baked."""
-    from ..trace import TABLES
-
     for item in scene.objects if scene.planes else ():
         name, _ = scene.method_of(item)
-        if item.glossy and name not in TABLES:
-            rule = f"must be one of {', '.join(TABLES)} in a scene with [[planes]]"
+        if item.glossy and name not in methods.PLANES:
+            rule = f"must be one of {', '.join(methods.PLANES)} in a scene with [[planes]]"
             raise _check.fail("method.name", rule, name)
 
 

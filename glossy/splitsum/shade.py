@@ -37,20 +37,20 @@ Seidel 2004 do with the hardware's anisotropic filter. (3) and (4) in this form 
 import functools
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, parallel_kernel
+from .._jit import Scalar, kernel, parallel_kernel
 from ..albedo import unit_integrals
 from ..brdf import Lobe, Material
 from ..cubemap import CubeMap
 from ..frames import SurfacePoints
 from ..sampler import k_trilinear_rgb
-from ..shading import CHUNK, k_frame
+from ..shading import chunks, k_frame
 from .chain import SplitSumChain, split_sum_chain
 
 EQUIVALENTS = ("geometric", "mean")
@@ -67,6 +67,52 @@ Lookups = tuple[float, Float64Array, float, int]
 
 ZERO, ONE, TWO = (np.float32(v) for v in (0.0, 1.0, 2.0))
 HEAD_ON = np.array([[0.0, 0.0, 1.0, 1.0]])
+
+
+@kernel
+def k_lookup(
+    tap: FloatArray,
+    bend: Scalar,
+    minor: Scalar,
+    side: Scalar,
+    wo: tuple[Scalar, Scalar, Scalar],
+    frame: tuple[Scalar, ...],
+) -> tuple[bool, Scalar, Scalar, Scalar]:
+    """Whether a lookup lies above the horizon, and its direction in world coordinates."""
+    wox, woy, woz = wo
+    hx, hy, hz = tap[0], tap[1], tap[2]
+    if bend > ZERO:
+        hx, hy = bend * wox, bend * woy
+        if minor == 0:
+            hx = ZERO * woz
+        else:
+            hy = ZERO * woz
+        hz = (ONE - bend) + bend * woz
+        length = np.sqrt(hx * hx + hy * hy + hz * hz)
+        hx, hy, hz = hx / length, hy / length, hz / length
+    cos_h = wox * hx + woy * hy + woz * hz
+    ix, iy = TWO * cos_h * hx - wox, TWO * cos_h * hy - woy
+    iz = TWO * cos_h * hz - woz
+    up = iz * side
+    x = frame[0] * ix + frame[3] * iy + frame[6] * up
+    y = frame[1] * ix + frame[4] * iy + frame[7] * up
+    z = frame[2] * ix + frame[5] * iy + frame[8] * up
+    return cos_h > ZERO and iz > ZERO, x, y, z
+
+
+@kernel
+def k_albedo(albedo: FloatArray, alpha: Scalar, woz: Scalar) -> tuple[Scalar, Scalar]:
+    """A and B of eq. (1) at the view."""
+    last = albedo.shape[0] - 1
+    at = np.sqrt(min(woz, ONE)) * type(woz)(last)
+    i = min(np.int64(at), last - 1)
+    f = at - type(woz)(i)
+    scale = albedo[i, 0] + f * (albedo[i + 1, 0] - albedo[i, 0])
+    bias = albedo[i, 1] + f * (albedo[i + 1, 1] - albedo[i, 1])
+    if alpha != ZERO:
+        power = woz**-alpha
+        scale, bias = scale * power, bias * power
+    return scale, bias
 
 
 @parallel_kernel
@@ -87,46 +133,22 @@ def _shade_lobe(
     out: FloatArray,
 ) -> None:
     # (P, 3) x3; (K, 4); albedo (ENTRIES, 2) times cos_o^alpha; colour (2, 3); out (P, 3) added to
-    last = albedo.shape[0] - 1
     for p in numba.prange(normal.shape[0]):
         frame, wo = k_frame(normal[p], tangent[p], view[p])
-        wox, woy, woz = wo
+        woz = wo[2]
         if woz <= ZERO:
             continue
         red = green = blue = total = ZERO * woz
         for k in range(taps.shape[0]):
-            hx, hy, hz = taps[k, 0], taps[k, 1], taps[k, 2]
-            if bend > ZERO:
-                hx, hy = bend * wox, bend * woy
-                if minor == 0:
-                    hx = ZERO * woz
-                else:
-                    hy = ZERO * woz
-                hz = (ONE - bend) + bend * woz
-                length = np.sqrt(hx * hx + hy * hy + hz * hz)
-                hx, hy, hz = hx / length, hy / length, hz / length
-            cos_h = wox * hx + woy * hy + woz * hz
-            ix, iy = TWO * cos_h * hx - wox, TWO * cos_h * hy - woy
-            iz = TWO * cos_h * hz - woz
-            if cos_h <= ZERO or iz <= ZERO:
+            kept, x, y, z = k_lookup(taps[k], bend, minor, side, wo, frame)
+            if not kept:
                 continue
-            up = iz * side
-            x = frame[0] * ix + frame[3] * iy + frame[6] * up
-            y = frame[1] * ix + frame[4] * iy + frame[7] * up
-            z = frame[2] * ix + frame[5] * iy + frame[8] * up
             r, g, b = k_trilinear_rgb(x, y, z, level, buffer, chain, 4, ZERO * woz)
             weight = taps[k, 3]
             red, green, blue = red + weight * r, green + weight * g, blue + weight * b
             total += weight
         if total > ZERO:
-            at = np.sqrt(min(woz, ONE)) * type(woz)(last)
-            i = min(np.int64(at), last - 1)
-            f = at - type(woz)(i)
-            scale = albedo[i, 0] + f * (albedo[i + 1, 0] - albedo[i, 0])
-            bias = albedo[i, 1] + f * (albedo[i + 1, 1] - albedo[i, 1])
-            if alpha != ZERO:
-                power = woz**-alpha
-                scale, bias = scale * power, bias * power
+            scale, bias = k_albedo(albedo, alpha, woz)
             out[p, 0] += (colour[0, 0] * scale + colour[1, 0] * bias) * (red / total)
             out[p, 1] += (colour[0, 1] * scale + colour[1, 1] * bias) * (green / total)
             out[p, 2] += (colour[0, 2] * scale + colour[1, 2] * bias) * (blue / total)
@@ -192,43 +214,84 @@ def tap_count(lobe: Lobe, samples: int) -> int:
     return len(axis_lookups(lobe, samples)[1])
 
 
-def _run(
-    points: SurfacePoints,
+class LobeRow(NamedTuple):
+    """What a kernel takes for one lobe, in its precision: as ``_shade_lobe`` says, from taps on."""
+
+    taps: FloatArray
+    bend: Scalar
+    minor: int
+    side: Scalar
+    alpha: Scalar
+    albedo: FloatArray
+    colour: FloatArray
+    level: Scalar
+    buffer: npt.NDArray[np.float32]
+    chain: npt.NDArray[np.int64]
+
+
+def lobe_rows(
     material: Material,
     chain: SplitSumChain,
-    bias: float,
-    precision: str,
     lookups: Callable[[Lobe], Lookups],
-    equivalent: str = "geometric",
-) -> FloatArray:
-    """Eq. (1) for every lobe, each with its lookups."""
-    dtype = _check.dtype_of(precision)
+    equivalent: str,
+    bias: float,
+    dtype: type,
+) -> list[LobeRow]:
+    """Eq. (1) of every lobe, each with its lookups."""
     if not isinstance(chain, SplitSumChain):
         raise _check.fail("prepared", "must come from split_sum_chain", chain)
     widening = 2.0 ** _check.in_range("bias", bias, -20.0, 20.0)
-    seen = np.flatnonzero(points.coverage)
-    out = np.zeros((points.coverage.size, 3), dtype=dtype)
-    vectors = [v.reshape(-1, 3) for v in (points.normal, points.tangent, points.view)]
-    rows: list[tuple[Any, ...]] = []
+    rows = []
     for lobe, side in material.sided_lobes():
         m, taps, bend, minor = lookups(lobe)
         ks, r0 = _check.rgb("ks", lobe.ks), _check.rgb("r0", lobe.r0)
         table = albedo_table(equivalent_width(lobe, equivalent), lobe.alpha, side < 0.0)
         buffer, levels, level = chain.pair(m * widening)
         colour = np.stack([ks * r0, ks * (1.0 - r0)])
-        cast = [_check.frozen(a.astype(dtype)) for a in (taps, table, colour)]
-        scalars: list[Scalar] = [dtype(v) for v in (bend, side, lobe.alpha, level)]
-        rows.append((cast, scalars, minor, buffer, levels))
-    for start in range(0, len(seen), CHUNK):
-        pick = seen[start : start + CHUNK]
-        n, t, v = (_check.frozen(a[pick].astype(dtype)) for a in vectors)
-        part = np.zeros((len(pick), 3), dtype=dtype)
-        for (tap, table, colour), (bend, side, alpha, level), minor, buffer, levels in rows:
-            _shade_lobe(
-                n, t, v, tap, bend, minor, side, alpha, table, colour, level, buffer, levels, part
-            )
+        taps, table, colour = (_check.frozen(a.astype(dtype)) for a in (taps, table, colour))
+        bend, side, alpha, level = (dtype(v) for v in (bend, side, lobe.alpha, level))
+        rows.append(LobeRow(taps, bend, minor, side, alpha, table, colour, level, buffer, levels))
+    return rows
+
+
+def _run(points: SurfacePoints, rows: list[LobeRow], dtype: type) -> FloatArray:
+    """Sum of the lobes."""
+    out: npt.NDArray[Any] = np.zeros((points.coverage.size, 3), dtype=dtype)
+    for pick, (n, t, v) in chunks(points, np.flatnonzero(points.coverage), dtype):
+        part: npt.NDArray[Any] = np.zeros((len(pick), 3), dtype=dtype)
+        for row in rows:
+            _shade_lobe(n, t, v, *row, part)
         out[pick] = part
     return out.reshape(*points.shape, 3)
+
+
+def split_sum_lookups(equivalent: str = "geometric") -> tuple[Callable[[Lobe], Lookups], str]:
+    """Lookups of ``split_sum``, and the stand-in whose albedo it takes."""
+    _check.choice("equivalent", equivalent, EQUIVALENTS)
+    return lambda lobe: (equivalent_width(lobe, equivalent), HEAD_ON, 0.0, 0), equivalent
+
+
+def bent_lookups(bend: str = "filament") -> tuple[Callable[[Lobe], Lookups], str]:
+    """The same of ``bent``."""
+    _check.choice("bend", bend, BENDS)
+
+    def lookups(lobe: Lobe) -> Lookups:
+        s, width = bend_of(lobe, bend)
+        return width, HEAD_ON, s, 1 if lobe.widths[0] > lobe.widths[1] else 0
+
+    return lookups, "mean"
+
+
+def axis_taps_lookups(samples: int = 8) -> tuple[Callable[[Lobe], Lookups], str]:
+    """The same of ``axis_taps``."""
+    return lambda lobe: (*axis_lookups(lobe, samples), 0.0, 0), "geometric"
+
+
+LOOKUPS: dict[str, Callable[..., tuple[Callable[[Lobe], Lookups], str]]] = {
+    "split-sum": split_sum_lookups,
+    "bent": bent_lookups,
+    "axis-taps": axis_taps_lookups,
+}
 
 
 def split_sum(
@@ -256,12 +319,9 @@ def split_sum(
     -------
     (..., 3) radiance of the glossy lobes.
     """
-    _check.choice("equivalent", equivalent, EQUIVALENTS)
-
-    def lookups(lobe: Lobe) -> Lookups:
-        return equivalent_width(lobe, equivalent), HEAD_ON, 0.0, 0
-
-    return _run(points, material, chain, bias, precision, lookups, equivalent)
+    dtype = _check.dtype_of(precision)
+    rows = lobe_rows(material, chain, *split_sum_lookups(equivalent), bias, dtype)
+    return _run(points, rows, dtype)
 
 
 def bent(
@@ -284,13 +344,8 @@ def bent(
     bend : "filament" or "hdrp"
         Whose formula.
     """
-    _check.choice("bend", bend, BENDS)
-
-    def lookups(lobe: Lobe) -> Lookups:
-        s, width = bend_of(lobe, bend)
-        return width, HEAD_ON, s, 1 if lobe.widths[0] > lobe.widths[1] else 0
-
-    return _run(points, material, chain, bias, precision, lookups, "mean")
+    dtype = _check.dtype_of(precision)
+    return _run(points, lobe_rows(material, chain, *bent_lookups(bend), bias, dtype), dtype)
 
 
 def axis_taps(
@@ -313,11 +368,9 @@ def axis_taps(
     samples : int
         Lookups of an anisotropic lobe.
     """
-
-    def lookups(lobe: Lobe) -> Lookups:
-        return (*axis_lookups(lobe, samples), 0.0, 0)
-
-    return _run(points, material, chain, bias, precision, lookups)
+    dtype = _check.dtype_of(precision)
+    rows = lobe_rows(material, chain, *axis_taps_lookups(samples), bias, dtype)
+    return _run(points, rows, dtype)
 
 
 def prepare(cube: CubeMap, material: Material) -> SplitSumChain:
