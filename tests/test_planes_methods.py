@@ -115,7 +115,7 @@ def test_planes_bring_the_picture_to_the_truth(
     prepared: Any = chain if method in CHAINED else pyramid
     planes = rooms.planes()
     lobe = Lobe(0.05, 0.15) if method == "axis-taps" else Lobe(0.1)
-    own = {"max_error": 0.02} if method == "auto" else {}
+    own: dict[str, Any] = {"max_error": 0.02} if method == "auto" else {}
     truth = glossy.reference(p, lobe, room, "qmc", 2048, parallax=planes).radiance
     with_planes = glossy.shade(p, lobe, prepared, method, parallax=planes, **own)
     without = glossy.shade(p, lobe, prepared, method, **own)
@@ -146,7 +146,7 @@ def test_auto_turns_the_lookups_of_its_plan(pyramid: glossy.Pyramid) -> None:
     found = planned(material, pyramid, 0.02)
     assert found.method == "lattice"
     image = glossy.shade(p, material, pyramid, "auto", max_error=0.02, parallax=planes)
-    own = {"samples": found.samples[0]}
+    own: dict[str, Any] = {"samples": found.samples[0]}
     np.testing.assert_array_equal(
         image, glossy.shade(p, material, pyramid, "lattice", parallax=planes, **own)
     )
