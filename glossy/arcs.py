@@ -173,6 +173,23 @@ def _angle(sine: float) -> float:
 
 
 @kernel
+def _border(column: int, sense: int, width: int) -> int:
+    # index of the azimuth where a walk along a column in this sense leaves it
+    return column if sense < 0 else (column + 1) % width
+
+
+@kernel
+def _cross(
+    columns: Float64Array, border: int, sv: float, cv: float, sense: int
+) -> tuple[float, float, bool]:
+    # sin and cos of where the walk goes next: the border or, if first, the end (sv, cv)
+    sb, cb = columns[border, 0], columns[border, 1]
+    if (sv * cb - cv * sb) * sense <= 0.0 and sv * sb + cv * cb > 0.0:
+        return sv, cv, True
+    return sb, cb, False
+
+
+@kernel
 def _walk_texels(
     pixels: Float32Array,
     cumulated: Float64Array,
@@ -199,17 +216,14 @@ def _walk_texels(
     row = _first_row(a[0], nodes)
     p = math.atan2(sa, ca) * (width / (2.0 * math.pi))
     column = (math.floor(p) if sense > 0 else math.ceil(p) - 1) % width
-    border = column if sense < 0 else (column + 1 if column + 1 < width else 0)
+    border = _border(column, sense, width)
 
     for j in range(out.shape[0]):
         sv, cv = _azimuth(base, step, first + j + 1, size)
         red, green, blue = 0.0, 0.0, 0.0
         ends_here = False
         while not ends_here:
-            sb, cb = columns[border, 0], columns[border, 1]
-            ends_here = (sv * cb - cv * sb) * sense <= 0.0 and sv * sb + cv * cb > 0.0
-            if ends_here:
-                sb, cb = sv, cv
+            sb, cb, ends_here = _cross(columns, border, sv, cv, sense)
             h = _angle(sb * ca - cb * sa)
             tb, db = kx * sb + kz * cb, kx * cb - kz * sb
             parts, sine, cosine = 1, 0.0, 1.0
@@ -231,12 +245,8 @@ def _walk_texels(
                 a, ta, da = b, t, d
             sa, ca = sb, cb
             if not ends_here:
-                column += sense
-                if column == width:
-                    column = 0
-                elif column < 0:
-                    column = width - 1
-                border = column if sense < 0 else (column + 1 if column + 1 < width else 0)
+                column = (column + sense) % width
+                border = _border(column, sense, width)
         out[j, 0], out[j, 1], out[j, 2] = red, green, blue
 
 
@@ -268,17 +278,14 @@ def _walk_bilinear(
     cell = math.floor(p) if sense > 0 else math.ceil(p) - 1
     fraction = p - cell
     column = cell % width
-    border = column if sense < 0 else (column + 1 if column + 1 < width else 0)
+    border = _border(column, sense, width)
 
     for j in range(out.shape[0]):
         sv, cv = _azimuth(base, step, first + j + 1, size)
         red, green, blue = 0.0, 0.0, 0.0
         ends_here = False
         while not ends_here:
-            sb, cb = columns[border, 0], columns[border, 1]
-            ends_here = (sv * cb - cv * sb) * sense <= 0.0 and sv * sb + cv * cb > 0.0
-            if ends_here:
-                sb, cb = sv, cv
+            sb, cb, ends_here = _cross(columns, border, sv, cv, sense)
             h = _angle(sb * ca - cb * sa)
             t = kx * sb + kz * cb
             rows = abs(math.atan2((ta - t), 1.0 + ta * t)) * per_row
@@ -300,12 +307,8 @@ def _walk_bilinear(
             fraction += h * per_radian
             if not ends_here:
                 fraction = 0.0 if sense > 0 else 1.0
-                column += sense
-                if column == width:
-                    column = 0
-                elif column < 0:
-                    column = width - 1
-                border = column if sense < 0 else (column + 1 if column + 1 < width else 0)
+                column = (column + sense) % width
+                border = _border(column, sense, width)
         out[j, 0], out[j, 1], out[j, 2] = red, green, blue
 
 
