@@ -118,12 +118,12 @@ def approximate(
     nodes = (
         default_angles(glossy, _check.count("angles", angles, 2))
         if np.ndim(angles) == 0
-        else _check.array("angles", angles).astype(np.float64)  # type: ignore[arg-type]
+        else _check.array("angles", angles).astype(np.float64)
     )
     cosines = (
         default_cosines(_check.count("elevations", elevations))
         if np.ndim(elevations) == 0
-        else _check.array("elevations", elevations).astype(np.float64)  # type: ignore[arg-type]
+        else _check.array("elevations", elevations).astype(np.float64)
     )
     template = LobeStack(  # refuses nodes that do not rise
         cosines, nodes, np.zeros((len(cosines), len(nodes), 1)), cosines,

@@ -109,8 +109,9 @@ def _coarse(piece: Slice, value: Float64Array, angles: Float64Array) -> list[Flo
     """The TRIED cells whose least profile on the filtered slice holds most."""
     cell = piece.coarse(COARSE)
     area = np.bincount(cell, piece.area)
-    light = np.bincount(cell, piece.area * value.mean(axis=-1)) / area
-    mean = np.stack([np.bincount(cell, piece.area * x) for x in piece.wi.T], axis=-1)
+    light = np.asarray(np.bincount(cell, piece.area * value.mean(axis=-1)), np.float64) / area
+    sums = [np.bincount(cell, piece.area * x) for x in piece.wi.T]
+    mean = np.stack(sums, axis=-1).astype(np.float64)
     mean /= np.linalg.norm(mean, axis=-1, keepdims=True)
     edges = np.interp(np.linspace(0.0, 1.0, RINGS + 1), np.linspace(0.0, 1.0, len(angles)), angles)
     rings = 2.0 * math.pi * (np.cos(edges[:-1]) - np.cos(edges[1:]))

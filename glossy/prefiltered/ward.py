@@ -69,10 +69,9 @@ class Ward:
         slope = (h[..., 0] ** 2 + h[..., 1] ** 2) / (z * self.alpha) ** 2
         cosines = np.where(up, i[..., 2] * o[..., 2], 1.0)
         glossy = np.exp(-slope) / (4.0 * math.pi * self.alpha**2 * np.sqrt(cosines))
-        if np.ndim(self.kd) == 0 and np.ndim(self.ks) == 0:
-            return np.asarray(np.where(up, self.kd / math.pi + self.ks * glossy, 0.0))
         kd, ks = _check.rgb("kd", self.kd), _check.rgb("ks", self.ks)
-        return np.asarray(np.where(up[..., None], kd / math.pi + ks * glossy[..., None], 0.0))
+        f = np.where(up[..., None], kd / math.pi + ks * glossy[..., None], 0.0)
+        return f[..., 0] if np.ndim(self.kd) == np.ndim(self.ks) == 0 else f
 
     def sample(self, xi: npt.ArrayLike, wo: npt.ArrayLike) -> Float64Array:
         """Directions (..., 3) of density ``pdf`` for uniform ``xi`` (..., 2), see `Lobe.sample`."""
