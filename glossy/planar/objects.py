@@ -1,0 +1,104 @@
+"""Planar reflectors among the objects of a scene: ``method = { name = "planar" }``."""
+
+import dataclasses
+import time
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import _check
+from ..scenes.prepared import PreparedScene
+from ..scenes.render import Part
+from ..thesis_pattern import ANISOTROPY
+from .mirror import MirrorBuffer, mirror_camera, reflector_plane, render_mirror
+from .shade import Fallback, shade_counted
+
+FloatArray = npt.NDArray[np.floating]
+
+MISSES = ("cube", "edge")
+
+
+def mirror_pass(
+    prepared: PreparedScene, part: Part, scale: float = 1.0, margin: float = 0.0
+) -> MirrorBuffer:
+    """The mirror buffer of one part of a view.
+
+    Parameters
+    ----------
+    prepared : PreparedScene
+    part : Part
+        A rectangle's, of ``view(prepared).parts``.
+    scale, margin : float
+        As for ``mirror_camera``.
+
+    Raises
+    ------
+    ValueError
+        If the object is no rectangle, or a value is out of range.
+    """
+    point, normal = reflector_plane(prepared.geometry, part.index)
+    camera = mirror_camera(part.camera, point, normal, scale, margin)
+    return render_mirror(prepared.world, part.index, camera)
+
+
+def shade_reflector(
+    prepared: PreparedScene,
+    part: Part,
+    *,
+    precision: str = "single",
+    samples: int = 10,
+    kind: str = "auto",
+    threshold: float = 0.01,
+    anisotropy: float = ANISOTROPY,
+    estimator: str = "auto",
+    level: str = "ellipse",
+    bias: float = 0.0,
+    filter: str = "box",
+    intersections: int = 2,
+    scale: float = 1.0,
+    margin: float = 0.0,
+    misses: str = "cube",
+) -> tuple[FloatArray, dict[str, Any]]:
+    """Radiance (K, 3) of a planar reflector's lobes in a view, and a record of its mirror pass.
+
+    Options as for ``shade_planar`` and ``mirror_camera``; ``misses``: "cube" reads samples that
+    miss the buffer from the object's own cube map, which is captured for nothing else, "edge" from
+    the buffer's edge.
+    """
+    _check.choice("misses", misses, MISSES)
+    start = time.perf_counter()
+    buffer = mirror_pass(prepared, part, scale, margin)
+    buffer.pyramid(filter)
+    made = time.perf_counter() - start
+    fallback = None
+    if misses == "cube":
+        lookup = prepared.lookup(part.index, "regular")
+        fallback = Fallback(lookup, prepared.geometry.center(part.index))
+    start = time.perf_counter()
+    radiance, counts = shade_counted(
+        part.points,
+        part.material,
+        buffer,
+        precision=precision,
+        samples=samples,
+        kind=kind,
+        threshold=threshold,
+        anisotropy=anisotropy,
+        estimator=estimator,
+        level=level,
+        bias=bias,
+        filter=filter,
+        intersections=intersections,
+        fallback=fallback,
+    )
+    spent = time.perf_counter() - start
+    return radiance, {
+        "mirror_pass": {
+            "width": buffer.camera.width,
+            "height": buffer.camera.height,
+            "seconds": round(made, 6),
+            "shade_seconds": round(spent, 6),
+            **dataclasses.asdict(counts),
+        }
+    }
