@@ -56,6 +56,11 @@ TRACES = {"lattice": "glossy.lattice.trace:trace_lattice"}
 ``trace`` itself does not."""
 
 
+VIEWED = {"planar": "glossy.planar.objects:shade_reflector"}
+"""Methods of an object in a view of its scene, which look up more than a cube map: functions
+``(prepared, part, *, precision, **their own options)``, for scenes of objects alone."""
+
+
 def _load(place: str) -> Callable[..., Any]:
     module, _, function = place.partition(":")
     found: Callable[..., Any] = getattr(importlib.import_module(module), function)
@@ -67,6 +72,11 @@ def resolve(name: str) -> Callable[..., Any]:
     return _load(METHODS[_check.choice("method", name, METHODS)])
 
 
+def viewed(name: str) -> Callable[..., Any]:
+    """The function of a method of ``VIEWED``."""
+    return _load(VIEWED[name])
+
+
 def preparation(name: str) -> Callable[..., Any]:
     """What makes the third argument of ``shade`` for a method."""
     return _load(PREPARE.get(_check.choice("method", name, METHODS), PYRAMID))
@@ -74,6 +84,8 @@ def preparation(name: str) -> Callable[..., Any]:
 
 def preparation_options(name: str) -> list[str]:
     """Names of the options of a method's preparation."""
+    if name in VIEWED:
+        return []
     return [p for p in inspect.signature(preparation(name)).parameters if p not in SCENE]
 
 
@@ -113,7 +125,8 @@ def planned_counts(name: str, material: Any, prepared: Any, given: Mapping[str, 
 
 def options(name: str) -> dict[str, Any]:
     """Options of a method with their defaults."""
-    parameters = inspect.signature(resolve(name)).parameters.values()
+    function = viewed(name) if name in VIEWED else resolve(name)
+    parameters = inspect.signature(function).parameters.values()
     own = [p for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY]
     return {p.name: p.default for p in own if p.name != "precision"}
 

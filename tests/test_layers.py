@@ -86,6 +86,11 @@ def test_the_core_does_not_know_what_is_built_on_it(module: str) -> None:
     assert not reachable(module) & forbidden
 
 
+@pytest.mark.parametrize("module", [m for m in MODULES if m.startswith("scenes/")])
+def test_scenes_do_not_know_what_is_built_on_them(module: str) -> None:
+    assert not {m for m in reachable(module) if m.startswith("planar/")}
+
+
 def test_the_truth_of_planar_reflectors_knows_no_buffer() -> None:
     named = imports("planar/truth") | imports("truth/rays")
     assert not {m for m in named if m.startswith("planar/")}

@@ -16,6 +16,7 @@ half: here the levels stay in register.
 """
 
 import dataclasses
+import itertools
 
 import numba
 import numpy as np
@@ -160,9 +161,9 @@ class Levels:
             if np.any(np.isnan(value)):
                 raise _check.fail(name, "must not be NaN", f"{int(np.isnan(value).sum())} NaN")
         arrays = list(np.broadcast_arrays(*arrays))
-        flat = [_check.frozen(a.reshape(-1)) for a in arrays]
-        out = np.empty((flat[0].size, 3), dtype=dtype)
-        _sample(*flat, _check.frozen(self.buffer), _check.frozen(self.chain), out)
+        px, py, lod = (_check.frozen(a.reshape(-1)) for a in arrays)
+        out = np.empty((px.size, 3), dtype=dtype)
+        _sample(px, py, lod, _check.frozen(self.buffer), _check.frozen(self.chain), out)
         return out.reshape(*arrays[0].shape, 3)
 
 
@@ -202,6 +203,6 @@ def build_levels(
     levels[0][..., :3] = np.where(counted[..., None], rgb, ZERO)
     levels[0][..., 3] = counted
     weights = _check.frozen(np.array(KERNELS[filter], dtype=np.float32))
-    for fine, coarse in zip(levels[:-1], levels[1:], strict=True):
+    for fine, coarse in itertools.pairwise(levels):
         _halve(_check.frozen(fine), coarse, weights)
     return made

@@ -255,12 +255,12 @@ def map_samples(
         _check.frozen(np.broadcast_to(v, shape).reshape(-1, 3)) for v in (x - camera.position, w)
     )
     flags, out = np.empty(len(offset), dtype=np.int64), np.empty((len(offset), 5))
-    _map(
-        offset, along, _check.frozen(camera.matrix), buffer.planes, intersections == 2, flags, out
-    )
+    _map(offset, along, _check.frozen(camera.matrix), buffer.planes, intersections == 2, flags, out)
     lost = flags & BEHIND != 0
     out[lost, :2] = np.nan
     distance = np.divide(out[:, 3], out[:, 4], out=np.full(len(out), np.inf), where=out[:, 4] > 0.0)
     density = np.where(lost, np.nan, camera.density * out[:, 2])
-    parts = (out[:, 0], out[:, 1], density, distance, flags)
-    return Mapping(*(a.reshape(shape[:-1]) for a in parts))
+    x, y, density, distance = (
+        v.reshape(shape[:-1]) for v in (out[:, 0], out[:, 1], density, distance)
+    )
+    return Mapping(x, y, density, distance, flags.reshape(shape[:-1]))

@@ -2,19 +2,13 @@
 
 import dataclasses
 import time
-from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 
 from .. import _check
 from ..scenes.prepared import PreparedScene
-from ..scenes.render import Part
+from ..scenes.render import Part, Shaded
 from ..thesis_pattern import ANISOTROPY
 from .mirror import MirrorBuffer, mirror_camera, reflector_plane, render_mirror
 from .shade import Fallback, shade_counted
-
-FloatArray = npt.NDArray[np.floating]
 
 MISSES = ("cube", "edge")
 
@@ -59,8 +53,8 @@ def shade_reflector(
     scale: float = 1.0,
     margin: float = 0.0,
     misses: str = "cube",
-) -> tuple[FloatArray, dict[str, Any]]:
-    """Radiance (K, 3) of a planar reflector's lobes in a view, and a record of its mirror pass.
+) -> Shaded:
+    """Radiance (K, 3) of a planar reflector's lobes in a view, its mirror pass, what it missed.
 
     Options as for ``shade_planar`` and ``mirror_camera``; ``misses``: "cube" reads samples that
     miss the buffer from the object's own cube map, which is captured for nothing else, "edge" from
@@ -92,13 +86,6 @@ def shade_reflector(
         intersections=intersections,
         fallback=fallback,
     )
-    spent = time.perf_counter() - start
-    return radiance, {
-        "mirror_pass": {
-            "width": buffer.camera.width,
-            "height": buffer.camera.height,
-            "seconds": round(made, 6),
-            "shade_seconds": round(spent, 6),
-            **dataclasses.asdict(counts),
-        }
-    }
+    seconds = {"mirror": made, "shade": time.perf_counter() - start}
+    size = {"width": buffer.camera.width, "height": buffer.camera.height}
+    return Shaded(radiance, seconds, {"mirror": size, "mapping": dataclasses.asdict(counts)})

@@ -2,8 +2,8 @@
 
 The thesis's multi-ring pattern for round lobes, its line for strongly anisotropic ones
 (``thesis_pattern``); regular and importance patterns beside them. Samples are weighed by an
-estimator of ``thesis`` (4.23, 4.24, 4.25), or summed as ``shading`` does, with the regular pattern's
-density (``paper``, ``projected``) or that of the lobe (``importance``).
+estimator of ``thesis`` (4.23, 4.24, 4.25), or summed as ``shading`` does, with the density of the
+regular pattern (``paper``, ``projected``) or of the lobe (``importance``).
 
 Source: thesis section 4.5.3, which names no weights of its own; eq. 4.25 is the one it evaluates.
 """

@@ -1,7 +1,7 @@
 """Shading of planar reflectors from the mirror buffer.
 
-Every sample of a lobe's pattern is mapped into the buffer (``mapping``) and read from its pyramid at
-a level of detail. Levels:
+Every sample of a lobe's pattern is mapped into the buffer (``mapping``) and read from its pyramid
+at a level of detail:
 
 * ``ellipse``: once per point. The four border directions of the lobe, two along each axis, meet the
   tangent plane of the mirror hit; their pixels p are taken as the ends of an ellipse's axes ::
@@ -18,9 +18,9 @@ a level of detail. Levels:
 (1) is the thesis's; a border direction without a pixel leaves the half axis to its opposite, from
 the point's own pixel; without either the axis is the buffer's diagonal. (2) is ours.
 
-Samples that miss the buffer are read from the reflector's cube map, in the direction from its centre
-to the place that was found (``Fallback``), or at the nearest pixel of the buffer's edge; one behind
-the camera then at the point's own pixel.
+Samples that miss the buffer are read from the reflector's cube map, in the direction from its
+centre to the place that was found (``Fallback``), or at the nearest pixel of the buffer's edge; one
+behind the camera then at the point's own pixel.
 """
 
 import dataclasses
@@ -167,8 +167,8 @@ def _shade(
     tally: Int64Array,
     out: FloatArray,
 ) -> None:
-    # (P, 3) x4, offset: P - C'; TapTable's arrays, ends (L, 4, 3); spread: 4 Fx Fy / N^2; shift (3,):
-    # C' - centre of the cube map, whose N^2 the taps' cells bear; tally (P, 1 + KINDS), out (P, 3)
+    # (P, 3) x4, offset: P - C'; TapTable's arrays, ends (L, 4, 3); spread: 4 Fx Fy / N^2, for the
+    # taps' cells bear the cube map's N^2; shift (3,): C' - its centre; tally (P, 1 + KINDS)
     height, width = type(pi)(planes.shape[0]), type(pi)(planes.shape[1])
     diagonal = np.sqrt(height * height + width * width)
     for p in numba.prange(normal.shape[0]):
@@ -191,7 +191,7 @@ def _shade(
             red = green = blue = ZERO * pi
             red_sum = green_sum = blue_sum = ZERO * pi
             for k in range(first[j], first[j + 1]):
-                kept, wx, wy, wz, texels, cube_level, weight, schlick = k_tap(
+                kept, wx, wy, wz, _texels, cube_level, weight, schlick = k_tap(
                     taps[k], lobes[j], pi, JACOBIAN, bias, wo, frame
                 )
                 if not kept:

@@ -10,7 +10,7 @@ def check_planes(scene: ObjectScene) -> None:
     """Refuse planes for a method that cannot use them, before anything is baked."""
     for item in scene.objects if scene.planes else ():
         name, _ = scene.method_of(item)
-        if item.glossy and name not in methods.PLANES:
+        if item.glossy and name not in (*methods.PLANES, *methods.VIEWED):
             rule = f"must be one of {', '.join(methods.PLANES)} in a scene with [[planes]]"
             raise _check.fail("method.name", rule, name)
 

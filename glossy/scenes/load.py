@@ -124,7 +124,7 @@ def _method(where: str, table: Table, default: str) -> None:
     name = table.get("name", default)
 
     def check() -> None:
-        _check.choice("name", name, methods.METHODS)
+        _check.choice("name", name, (*methods.METHODS, *methods.VIEWED))
         kept = ("name", "samples", "precision", *methods.preparation_options(name))
         methods.check_options(name, {k: v for k, v in table.items() if k not in kept})
         if "samples" in table:
@@ -254,7 +254,8 @@ def overlay(scene: ObjectScene, given: Table, method_options: Sequence[str]) -> 
     if env:
         change["environment"] = dataclasses.replace(scene.environment or EnvironmentSource(), **env)
     options = {k: given[k] for k in (*method_options, "samples") if k in given}
-    method = _check.choice("--method", given.get("method", scene.method), methods.METHODS)
+    known = (*methods.METHODS, *methods.VIEWED)
+    method = _check.choice("--method", given.get("method", scene.method), known)
     kept = scene.options if method == scene.method else {}
     change |= {"method": method, "options": {**kept, **options}}
     change["options"].pop("samples", None)

@@ -12,7 +12,7 @@ from ..brdf import Material
 from ..camera import Camera
 from ..frames import normalise
 from ..scene import BACKGROUNDS, EnvironmentSource
-from .shapes import Mesh, Rectangle, Shape, Sphere, Transform, _numbers
+from .shapes import KINDS, Mesh, Rectangle, Shape, Sphere, Transform, _numbers, kind_of
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -198,6 +198,16 @@ class ObjectScene:
         _check.choice("background", self.background, BACKGROUNDS)
         _check.count("samples", self.samples)
         _check.count("camera.supersampling", self.supersampling, high=16)
+        for k, item in enumerate(self.objects):
+            name = item.method.get("name", self.method)
+            if not item.glossy or name not in methods.VIEWED:
+                continue
+            if not isinstance(item.shape, Rectangle):
+                rule = f"{name!r} is for rectangles"
+                raise _check.fail(f"objects[{k}].method.name", rule, KINDS[kind_of(item.shape)])
+            if item.material.transmission:
+                rule = f"must have no transmission with the method {name!r}"
+                raise _check.fail(f"objects[{k}].material", rule, len(item.material.transmission))
 
     def bounding_planes(self) -> Float64Array:
         """(planes, 2, 3): point and unit normal of each."""

@@ -9,13 +9,13 @@ ground truth thus differ in the integral over the cube map alone, as in the thes
 
 import dataclasses
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from .. import _check
+from .. import _check, methods
 from ..brdf import Material
 from ..camera import Camera
 from ..frames import SurfacePoints, dot
@@ -39,13 +39,15 @@ class Part:
     """The points of one glossy object in a view.
 
     ``index`` of the object; ``rays`` (K,) flat indices of the view's rays; ``points`` (K,) with
-    their positions; ``material``: its lobes alone, since the diffuse term is in the view's base.
+    their positions; ``material``: its lobes alone, since the diffuse term is in the view's base;
+    ``camera``: the view's.
     """
 
     index: int
     rays: npt.NDArray[np.intp]
     points: SurfacePoints
     material: Material
+    camera: Camera
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,7 +157,7 @@ def view(prepared: PreparedScene, camera: Camera | None = None, grid: int | None
         lobes = dataclasses.replace(
             scene.objects[j].material, kd=0.0, diffuse_transmission=0.0, kd_falloff=False
         )
-        parts.append(Part(j, on, points, lobes))
+        parts.append(Part(j, on, points, lobes, camera))
     shiny = np.array([o.glossy for o in scene.objects] + [False] * (len(scene.lights) + 1))
 
     def share(which: BoolArray) -> BoolArray:
@@ -169,16 +171,34 @@ def _picked(hits: Hits, index: npt.NDArray[np.intp]) -> Hits:
     return Hits(*(getattr(hits, f.name)[index] for f in dataclasses.fields(Hits)))
 
 
-def shade_part(prepared: PreparedScene, part: Part) -> FloatArray:
-    """Radiance (K, 3) of a part's lobes by the method of its object."""
+@dataclasses.dataclass(frozen=True)
+class Shaded:
+    """Radiance (K, 3) of a part's lobes, the seconds of each stage, and what the method reports."""
+
+    radiance: FloatArray
+    seconds: Mapping[str, float]
+    report: Mapping[str, Any]
+
+
+def _shaded(prepared: PreparedScene, part: Part) -> Shaded:
     from ..render import split_options
     from ..shading import shade
 
     name, options = prepared.scene.method_of(prepared.scene.objects[part.index])
+    if name in methods.VIEWED:
+        found: Shaded = methods.viewed(name)(prepared, part, **options)
+        return found
     preparation, own = split_options(name, options)
     lookup = prepared.lookup(part.index, name, **preparation)
     planes = bounding_planes(prepared, part.index)
-    return shade(part.points, part.material, lookup, method=name, parallax=planes, **own)
+    start = time.perf_counter()
+    radiance = shade(part.points, part.material, lookup, method=name, parallax=planes, **own)
+    return Shaded(radiance, {"shade": time.perf_counter() - start}, {})
+
+
+def shade_part(prepared: PreparedScene, part: Part) -> FloatArray:
+    """Radiance (K, 3) of a part's lobes by the method of its object."""
+    return _shaded(prepared, part).radiance
 
 
 @dataclasses.dataclass(frozen=True)
@@ -270,19 +290,18 @@ def render_objects(
     seen = view(prepared)
     looked = time.perf_counter() - lap
     lobes, objects = [], []
-    shading = 0.0
+    spent = {"view": looked, "shade": 0.0}
     for part in seen.parts:
-        item = prepared.scene.objects[part.index]
-        name, options = prepared.scene.method_of(item)
-        prepared.cube_map(part.index)
-        lap = time.perf_counter()
-        lobes.append(shade_part(prepared, part))
-        shading += time.perf_counter() - lap
+        name, options = prepared.scene.method_of(prepared.scene.objects[part.index])
+        shaded = _shaded(prepared, part)
+        lobes.append(shaded.radiance)
+        for stage, seconds in shaded.seconds.items():
+            spent[stage] = spent.get(stage, 0.0) + seconds
         row = {"name": _label(prepared.scene, part.index), "rays": len(part.rays), "method": name}
-        objects.append({**row, "options": options})
+        objects.append({**row, "options": options, **shaded.report})
     image = seen.picture(lobes)
     common = _common(prepared, seen, objects, start)
-    common["seconds"] |= {"view": round(looked, 6), "shade": round(shading, 6)}
+    common["seconds"] |= {stage: round(seconds, 6) for stage, seconds in spent.items()}
     return ObjectRendering(image=image.astype(np.float32), **common)
 
 
