@@ -27,11 +27,12 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import parallel_kernel
+from .._jit import Scalar, kernel, parallel_kernel
 from ..cubemap import CubeMap
 from ..pyramid import FILTERS, STORAGES, Pyramid, build_pyramid
 from ..sampler import k_face_uv
 from ..seams import PAD
+from .glossiness import calibrate
 from .regions import Regions, regions
 
 LAYOUTS = ("cropped", "whole")
@@ -40,13 +41,65 @@ TEXEL = 4  # floats
 
 FloatArray = npt.NDArray[np.floating]
 Float32Array = npt.NDArray[np.float32]
+Float64Array = npt.NDArray[np.float64]
 Int64Array = npt.NDArray[np.int64]
 
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 
 
+@kernel
+def k_visible_rgb(
+    x: Scalar,
+    y: Scalar,
+    z: Scalar,
+    level: Scalar,
+    visibility: FloatArray,
+    buffer: Float32Array,
+    boxes: Int64Array,
+    sizes: Int64Array,
+) -> tuple[Scalar, Scalar, Scalar]:
+    """Eq. (1) for one direction of any length, visibility (R,), trilinear.
+
+    ``boxes`` (levels, 6, R, 5): first texel in the buffer, top, bottom, left, right; ``sizes``
+    (levels,): texels along a face's edge.
+    """
+    face, u, v = k_face_uv(x, y, z)
+    top = sizes.shape[0] - 1
+    clamped = min(max(level, ZERO * u), type(u)(top))
+    first = min(np.int64(clamped), top)
+    f = clamped - type(u)(first)
+    red = green = blue = ZERO * u
+    for j in range(2):
+        share = ONE - f if j == 0 else f
+        if share == ZERO:
+            continue
+        at = min(first + j, top)
+        size = type(u)(sizes[at])
+        px, py = u * size - HALF, v * size - HALF
+        fx, fy = np.floor(px), np.floor(py)
+        a, b = px - fx, py - fy
+        row, col = np.int64(fy) + PAD, np.int64(fx) + PAD
+        upper, lower = share * (ONE - b), share * b
+        weights = (upper * (ONE - a), upper * a, lower * (ONE - a), lower * a)
+        for i in range(boxes.shape[2]):
+            start, low, high, left, right = boxes[at, face, i]
+            seen = visibility[i]
+            if row + 1 < low or row >= high or col + 1 < left or col >= right or seen == ZERO:
+                continue
+            r = g = c = ZERO * u
+            for q in range(4):
+                line, place = row + q // 2, col + q % 2
+                if low <= line < high and left <= place < right:
+                    t = (start + (line - low) * (right - left) + place - left) * TEXEL
+                    r += buffer[t] * weights[q]
+                    g += buffer[t + 1] * weights[q]
+                    c += buffer[t + 2] * weights[q]
+            red, green, blue = red + seen * r, green + seen * g, blue + seen * c
+    return red, green, blue
+
+
 @parallel_kernel
-def sample_maps(
+def _sample(
     directions: FloatArray,
     levels: FloatArray,
     visibility: FloatArray,
@@ -55,54 +108,12 @@ def sample_maps(
     sizes: Int64Array,
     out: FloatArray,
 ) -> None:
-    """Eq. (1) for directions (K, 3) of any length, levels (K,), visibility (K, R) into (K, 3).
-
-    ``boxes`` (levels, 6, R, 5): first texel in the buffer, top, bottom, left, right; ``sizes``
-    (levels,): texels along a face's edge.
-    """
-    top = sizes.shape[0] - 1
+    # (K, 3), (K,), (K, R), then PartialMaps.kernel_arguments, (K, 3)
     for k in numba.prange(directions.shape[0]):
-        face, u, v = k_face_uv(directions[k, 0], directions[k, 1], directions[k, 2])
-        level = min(max(levels[k], ZERO * u), type(u)(top))
-        first = min(np.int64(level), top)
-        f = level - type(u)(first)
-        red = green = blue = ZERO * u
-        for j in range(2):
-            share = ONE - f if j == 0 else f
-            if share == ZERO:
-                continue
-            at = min(first + j, top)
-            size = type(u)(sizes[at])
-            px, py = u * size - HALF, v * size - HALF
-            fx, fy = np.floor(px), np.floor(py)
-            a, b = px - fx, py - fy
-            row, col = np.int64(fy) + PAD, np.int64(fx) + PAD
-            weights = (
-                share * (ONE - a) * (ONE - b),
-                share * a * (ONE - b),
-                share * (ONE - a) * b,
-                share * a * b,
-            )
-            for i in range(boxes.shape[2]):
-                start, low, high = (
-                    boxes[at, face, i, 0],
-                    boxes[at, face, i, 1],
-                    boxes[at, face, i, 2],
-                )
-                left, right = boxes[at, face, i, 3], boxes[at, face, i, 4]
-                seen = visibility[k, i]
-                if row + 1 < low or row >= high or col + 1 < left or col >= right or seen == ZERO:
-                    continue
-                r = g = c = ZERO * u
-                for q in range(4):
-                    y, x = row + q // 2, col + q % 2
-                    if low <= y < high and left <= x < right:
-                        t = (start + (y - low) * (right - left) + x - left) * TEXEL
-                        r += buffer[t] * weights[q]
-                        g += buffer[t + 1] * weights[q]
-                        c += buffer[t + 2] * weights[q]
-                red, green, blue = red + seen * r, green + seen * g, blue + seen * c
-        out[k, 0], out[k, 1], out[k, 2] = red, green, blue
+        x, y, z = directions[k, 0], directions[k, 1], directions[k, 2]
+        out[k, 0], out[k, 1], out[k, 2] = k_visible_rgb(
+            x, y, z, levels[k], visibility[k], buffer, boxes, sizes
+        )
 
 
 def _padded(pyramid: Pyramid) -> list[Float32Array]:
@@ -164,7 +175,7 @@ class PartialMaps:
 
     @functools.cached_property
     def kernel_arguments(self) -> tuple[Float32Array, Int64Array, Int64Array]:
-        """Buffer, boxes and sizes for ``sample_maps``."""
+        """Buffer, boxes and sizes for ``k_visible_rgb``."""
         sizes = self.pyramid.kernel_arguments[1][:, 1]
         boxes = np.zeros((len(sizes), 6, len(self.regions), 5), dtype=np.int64)
         parts: list[Float32Array] = []
@@ -230,8 +241,20 @@ class PartialMaps:
         lod = _check.frozen(np.broadcast_to(lod, shape).reshape(-1))
         seen = _check.frozen(np.broadcast_to(seen, (*shape, seen.shape[-1])).reshape(len(flat), -1))
         out = np.empty((len(flat), 3), dtype=dtype)
-        sample_maps(flat, lod, seen, *self.kernel_arguments, out)
+        _sample(flat, lod, seen, *self.kernel_arguments, out)
         return out.reshape(*shape, 3)
+
+    def irradiance(
+        self, normal: npt.ArrayLike, visibility: npt.ArrayLike | None = None
+    ) -> Float64Array:
+        """Irradiance (..., 3) on surfaces of ``normal`` (..., 3), the lobe s = 1 of ``glossiness``.
+
+        pi times a lookup at the level of the cosine about the normal: for the diffuse term under
+        visibility (..., R). Without anything in the way ``irradiance`` is exact.
+        """
+        n = _check.unit_vectors("normal", normal)
+        level = calibrate(self.filter, self.cube.size).level(1.0)
+        return np.pi * self.sample(n, level, visibility, precision="double").astype(np.float64)
 
     def __repr__(self) -> str:
         return (

@@ -1,0 +1,220 @@
+"""The method "pem": one lookup per lobe in the mirror direction, summed over visible regions.
+
+A lobe is a power of the cosine about the mirror direction r, read from the level that was
+calibrated for it, times the lobe's reflectivity at that view::
+
+    L = sum over lobes ks (r0 A(cos_o) + (1 - r0) B(cos_o)) sum_i VIS_i PEM_i(r, level(s))      (1)
+
+A and B: the integrals of f cos with 1 and (1 - wo.wh)^5 for F, from a table; so a white environment
+gives the albedo. Without visibility the inner sum is one lookup in the pyramid of the whole.
+
+The exponent of a lobe is that of the cosine with the same mean direction, at normal view, where
+the lobe is round: with c = r.wi, x = (1 - c)/(1 + c) and K(c) = exp(-x/m^2) c ((1 + c)/2)^(-5/2) ::
+
+    E = int_0^1 K c dc / int_0^1 K dc = (s + 1)/(s + 2),   s = (2 E - 1)/(1 - E)                (2)
+
+which tends to 1/(2 m^2) for narrow lobes. s is at least 1, as the model has it. Anisotropic lobes
+are round with m = sqrt(mx my), for the exponent and the albedo alike. Transmission lobes look
+straight through the surface, with 1 - F. The level does not depend on the view: it is the
+material's, as in the source; that the true lobe narrows across the plane of incidence and ends at
+the horizon is left out.
+
+Source: Knuth et al., eq. 5; (2) is ours.
+"""
+
+import functools
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from .. import _check
+from .._jit import Scalar, kernel, parallel_kernel
+from ..brdf import Lobe, Material
+from ..frames import SurfacePoints
+from ..sampler import k_trilinear_rgb
+from ..shading import chunks, k_frame
+from ..splitsum.shade import albedo_table, equivalent_width
+from .glossiness import calibrate
+from .maps import PartialMaps, check_visibility, k_visible_rgb
+
+NODES = 96  # of the quadrature behind eq. (2)
+TAIL = 40.0  # in units of m^2, where it ends
+
+FloatArray = npt.NDArray[np.floating]
+Float32Array = npt.NDArray[np.float32]
+Float64Array = npt.NDArray[np.float64]
+Int64Array = npt.NDArray[np.int64]
+
+ZERO, ONE, TWO = (np.float32(v) for v in (0.0, 1.0, 2.0))
+
+
+@kernel
+def _mirror(
+    wo: tuple[Scalar, Scalar, Scalar], frame: tuple[Scalar, ...], side: Scalar
+) -> tuple[Scalar, Scalar, Scalar]:
+    """Mirror direction in world coordinates; for a transmission lobe (side -1) straight through."""
+    x, y, z = -wo[0], -wo[1], side * wo[2]
+    return (
+        frame[0] * x + frame[3] * y + frame[6] * z,
+        frame[1] * x + frame[4] * y + frame[7] * z,
+        frame[2] * x + frame[5] * y + frame[8] * z,
+    )
+
+
+@kernel
+def _reflectivity(
+    cos_o: Scalar, alpha: Scalar, table: FloatArray
+) -> tuple[Scalar, Scalar]:
+    """A and B of eq. (1) by linear interpolation in sqrt(cos_o); the table is times cos_o^alpha."""
+    last = table.shape[0] - 1
+    at = np.sqrt(min(cos_o, ONE)) * type(cos_o)(last)
+    i = min(np.int64(at), last - 1)
+    f = at - type(cos_o)(i)
+    a = table[i, 0] + f * (table[i + 1, 0] - table[i, 0])
+    b = table[i, 1] + f * (table[i + 1, 1] - table[i, 1])
+    if alpha != ZERO:
+        power = cos_o**-alpha
+        return a * power, b * power
+    return a, b
+
+
+@parallel_kernel
+def _shade_whole(
+    normal: FloatArray,
+    tangent: FloatArray,
+    view: FloatArray,
+    lobes: FloatArray,
+    tables: FloatArray,
+    colours: FloatArray,
+    buffer: Float32Array,
+    chain: Int64Array,
+    out: FloatArray,
+) -> None:
+    # (P, 3) x3; lobes (L, 3): level, side, alpha; (L, ENTRIES, 2); (L, 2, 3); out (P, 3)
+    for p in numba.prange(normal.shape[0]):
+        out[p, 0] = out[p, 1] = out[p, 2] = ZERO
+        frame, wo = k_frame(normal[p], tangent[p], view[p])
+        if wo[2] <= ZERO:
+            continue
+        for j in range(lobes.shape[0]):
+            x, y, z = _mirror(wo, frame, lobes[j, 1])
+            r, g, b = k_trilinear_rgb(x, y, z, lobes[j, 0], buffer, chain, 4, ZERO * x)
+            scale, bias = _reflectivity(wo[2], lobes[j, 2], tables[j])
+            out[p, 0] += (colours[j, 0, 0] * scale + colours[j, 1, 0] * bias) * r
+            out[p, 1] += (colours[j, 0, 1] * scale + colours[j, 1, 1] * bias) * g
+            out[p, 2] += (colours[j, 0, 2] * scale + colours[j, 1, 2] * bias) * b
+
+
+@parallel_kernel
+def _shade_visible(
+    normal: FloatArray,
+    tangent: FloatArray,
+    view: FloatArray,
+    visibility: FloatArray,
+    lobes: FloatArray,
+    tables: FloatArray,
+    colours: FloatArray,
+    buffer: Float32Array,
+    boxes: Int64Array,
+    sizes: Int64Array,
+    out: FloatArray,
+) -> None:
+    # as _shade_whole, with visibility (P, R)
+    for p in numba.prange(normal.shape[0]):
+        out[p, 0] = out[p, 1] = out[p, 2] = ZERO
+        frame, wo = k_frame(normal[p], tangent[p], view[p])
+        if wo[2] <= ZERO:
+            continue
+        for j in range(lobes.shape[0]):
+            x, y, z = _mirror(wo, frame, lobes[j, 1])
+            r, g, b = k_visible_rgb(x, y, z, lobes[j, 0], visibility[p], buffer, boxes, sizes)
+            scale, bias = _reflectivity(wo[2], lobes[j, 2], tables[j])
+            out[p, 0] += (colours[j, 0, 0] * scale + colours[j, 1, 0] * bias) * r
+            out[p, 1] += (colours[j, 0, 1] * scale + colours[j, 1, 1] * bias) * g
+            out[p, 2] += (colours[j, 0, 2] * scale + colours[j, 1, 2] * bias) * b
+
+
+@functools.lru_cache(maxsize=256)
+def cosine_exponent(m: float) -> float:
+    """Exponent of the cosine lobe for a lobe of roughness ``m``, eq. (2); infinite for 0."""
+    if m == 0.0:
+        return math.inf
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    x = 0.5 * (nodes + 1.0) * min(1.0, TAIL * m * m)
+    c = (1.0 - x) / (1.0 + x)
+    density = weights * np.exp(-x / m**2) * c * (0.5 * (1.0 + c)) ** -2.5 / (1.0 + x) ** 2
+    rest = float(density @ (1.0 - c) / density.sum())  # 1 - E
+    return max(1.0 / rest - 2.0, 1.0)
+
+
+def pem(
+    points: SurfacePoints,
+    material: Material,
+    maps: PartialMaps,
+    *,
+    precision: str = "single",
+    visibility: npt.ArrayLike | None = None,
+    bias: float = 0.0,
+) -> FloatArray:
+    """Partial environment maps, eq. (1).
+
+    Parameters
+    ----------
+    maps : PartialMaps
+        From ``partial_maps``.
+    visibility : (..., R) array, optional
+        Share of each region that a point sees, in the order of ``maps.regions``; None if nothing
+        is in the way, which costs one lookup a lobe instead of one for each region.
+    bias : float [level]
+        Added to the calibrated level.
+    precision : "single" or "double"
+
+    Returns
+    -------
+    (..., 3) radiance of the glossy lobes. The diffuse term is ``shade``'s, from ``irradiance``;
+    that under visibility is ``maps.irradiance(normal, visibility)``.
+    """
+    dtype = _check.dtype_of(precision)
+    if not isinstance(maps, PartialMaps):
+        raise _check.fail("prepared", "must come from partial_maps", maps)
+    shift = _check.in_range("bias", bias, -32.0, 32.0)
+    rows, tables, colours = [], [], []
+    for lobe, side in material.sided_lobes():
+        ks, r0 = _check.rgb("ks", lobe.ks), _check.rgb("r0", lobe.r0)
+        rows.append((lobe_level(lobe, maps) + shift, side, lobe.alpha))
+        tables.append(albedo_table(equivalent_width(lobe), lobe.alpha, side < 0.0))
+        colours.append((ks * r0, ks * (1.0 - r0)))
+    out = np.zeros((points.coverage.size, 3), dtype=dtype)
+    if not rows:
+        return out.reshape(*points.shape, 3)
+    shared = [_check.frozen(np.array(a, dtype=dtype)) for a in (rows, tables, colours)]
+    seen = np.flatnonzero(points.coverage)
+    if visibility is None:
+        buffer, chain, _ = maps.pyramid.kernel_arguments
+        for pick, vectors in chunks(points, seen, dtype):
+            part = np.empty((len(pick), 3), dtype=dtype)
+            _shade_whole(*vectors, *shared, buffer, chain, part)
+            out[pick] = part
+        return out.reshape(*points.shape, 3)
+    shares = check_visibility(visibility, len(maps.regions), dtype)
+    shape = (*points.shape, shares.shape[-1])
+    try:
+        shares = np.broadcast_to(shares, shape)
+    except ValueError:
+        raise _check.fail("visibility", f"must broadcast to {shape}", shares.shape) from None
+    flat = shares.reshape(len(out), -1)
+    for pick, vectors in chunks(points, seen, dtype):
+        part = np.empty((len(pick), 3), dtype=dtype)
+        share = _check.frozen(flat[pick])
+        _shade_visible(*vectors, share, *shared, *maps.kernel_arguments, part)
+        out[pick] = part
+    return out.reshape(*points.shape, 3)
+
+
+def lobe_level(lobe: Lobe, maps: PartialMaps) -> float:
+    """Level of the maps that a lobe is read from."""
+    s = cosine_exponent(equivalent_width(lobe))
+    return float(calibrate(maps.filter, maps.cube.size).level(s))
+
