@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 METHOD_OPTIONS = (
     "threshold", "filter", "footprint", "normalisation", "estimator", "kind", "bias", "precision",
-    "max_error",
+    "max_error", "count",
 )  # fmt: skip
 
 
@@ -76,16 +76,20 @@ def add_method_arguments(parser: argparse.ArgumentParser) -> None:
     """--method, --samples and the options of the methods."""
     group = parser.add_argument_group("method")
     group.add_argument(
-        "--method", metavar="NAME", help="regular, importance, thesis, ... (regular)"
+        "--method", metavar="NAME", help="regular, importance, thesis, lattice, pem, ... (regular)"
     )
     group.add_argument("--samples", type=int, metavar="N", help="samples per lobe (default 20)")
     group.add_argument("--threshold", type=float, metavar="X", help="pattern's density threshold")
     group.add_argument(
         "--filter",
         metavar="NAME",
-        help="pyramid: box, gauss4, gauss6, round, pem5:cos, ... (gauss6)",
+        help="pyramid: box, gauss4, gauss6, round, pem5:cos, ... (gauss6; pem: pem5:sqrtcos)",
     )
-    group.add_argument("--footprint", metavar="NAME", help="paper, thesis or jacobian")
+    group.add_argument(
+        "--footprint",
+        metavar="NAME",
+        help="paper, thesis or jacobian (paper); pem: constant, distance or view (constant)",
+    )
     group.add_argument("--normalisation", metavar="NAME", help="paper or projected")
     group.add_argument("--estimator", metavar="NAME", help="thesis: 4.23, 4.24 or 4.25 (4.25)")
     group.add_argument(
@@ -94,6 +98,9 @@ def add_method_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--bias", type=float, metavar="B", help="added to the level (default 0)")
     group.add_argument(
         "--max-error", type=float, metavar="X", help="auto: accepted relative RMS error (0.05)"
+    )
+    group.add_argument(
+        "--regions", type=int, dest="count", metavar="N", help="pem: a multiple of six (48)"
     )
     group.add_argument("--precision", choices=("single", "double"), help="arithmetic (single)")
 

@@ -21,6 +21,7 @@ Source: Knuth et al., eqs. 3 and 4 and section 5. They do not say where their wh
 
 import dataclasses
 import functools
+import math
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,7 @@ PLACES = 12
 STEPS = 8  # of the table, to a level
 CIRCLES, AZIMUTHS = 64, 24
 SPREAD = 24.0  # texels of the coarser level, from the white one: farther than five taps reach
-BRIGHTEST = 8  # texels of a level whose centres may be the maximum
+BRIGHTEST = 32  # texels of a level whose centres may be the maximum: five taps make plateaus
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -128,7 +129,7 @@ class Impulses:
 
     def reach(self, level: float) -> float:
         """Angle [rad] beyond which nothing of a texel is seen."""
-        return min(np.pi, SPREAD * 2.0 ** np.ceil(level) / self.size)
+        return min(math.pi, SPREAD * 2.0 ** math.ceil(level) / self.size)
 
     def table(self) -> tuple[Float64Array, Float64Array]:
         """Levels (K,) in steps of 1/STEPS, and the left side of eq. (2) there, (K, P) [sr].
@@ -148,7 +149,9 @@ class Impulses:
             among = np.concatenate(bright[level : level + 2], axis=1)
             peak = self.lookup(among, own).max(axis=-1)
             f = own - level
-            mixed = np.outer(volume[level], 1.0 - f) + np.outer(volume[min(level + 1, self.levels - 1)], f)
+            mixed = np.outer(volume[level], 1.0 - f) + np.outer(
+                volume[min(level + 1, self.levels - 1)], f
+            )
             out.append(mixed / peak)
         return steps, np.concatenate(out, axis=1).T
 

@@ -15,11 +15,19 @@ the lobe is round: with c = r.wi, x = (1 - c)/(1 + c) and K(c) = exp(-x/m^2) c (
 
 which tends to 1/(2 m^2) for narrow lobes. s is at least 1, as the model has it. Anisotropic lobes
 are round with m = sqrt(mx my), for the exponent and the albedo alike. Transmission lobes look
-straight through the surface, with 1 - F. The level does not depend on the view: it is the
-material's, as in the source; that the true lobe narrows across the plane of incidence and ends at
-the horizon is left out.
+straight through the surface, with 1 - F.
 
-Source: Knuth et al., eq. 5; (2) is ours.
+The level is the material's, as in the source (footprint ``constant``). Ours: ``distance`` counts in
+that a texel's solid angle falls as d^-3 towards the corners of the cube, ``view`` also that the
+lobe narrows across the plane of incidence, to a solid angle smaller by cos_o ::
+
+    level = level(s) + 1/2 log2(d^3) - mean of that over the sphere + 1/2 log2(cos_o)           (3)
+    d = |r|/|r|_inf
+
+What is left out: that the lobe gets longer than wide, leans from the mirror direction and ends at
+the horizon.
+
+Source: Knuth et al., eq. 5; (2) and (3) are ours.
 """
 
 import functools
@@ -41,13 +49,16 @@ from .maps import PartialMaps, check_visibility, k_visible_rgb
 
 NODES = 96  # of the quadrature behind eq. (2)
 TAIL = 40.0  # in units of m^2, where it ends
+FOOTPRINTS = ("constant", "distance", "view")
+MEAN_SHIFT = 0.4162217  # of 1/2 log2(d^3) over the sphere [level]
 
 FloatArray = npt.NDArray[np.floating]
 Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
 Int64Array = npt.NDArray[np.int64]
 
-ZERO, ONE, TWO = (np.float32(v) for v in (0.0, 1.0, 2.0))
+ZERO, HALF, ONE = (np.float32(v) for v in (0.0, 0.5, 1.0))
+THREE_HALVES = np.float32(1.5)
 
 
 @kernel
@@ -64,9 +75,19 @@ def _mirror(
 
 
 @kernel
-def _reflectivity(
-    cos_o: Scalar, alpha: Scalar, table: FloatArray
-) -> tuple[Scalar, Scalar]:
+def _local_level(
+    level: Scalar, footprint: Scalar, x: Scalar, y: Scalar, z: Scalar, cos_o: Scalar
+) -> Scalar:
+    """Eq. (3): ``level`` at a unit direction and view; footprint by its place in FOOTPRINTS."""
+    if footprint >= ONE:
+        level = level - THREE_HALVES * np.log2(max(abs(x), abs(y), abs(z)))
+    if footprint > ONE:
+        level = level + HALF * np.log2(cos_o)
+    return level
+
+
+@kernel
+def _reflectivity(cos_o: Scalar, alpha: Scalar, table: FloatArray) -> tuple[Scalar, Scalar]:
     """A and B of eq. (1) by linear interpolation in sqrt(cos_o); the table is times cos_o^alpha."""
     last = table.shape[0] - 1
     at = np.sqrt(min(cos_o, ONE)) * type(cos_o)(last)
@@ -92,7 +113,7 @@ def _shade_whole(
     chain: Int64Array,
     out: FloatArray,
 ) -> None:
-    # (P, 3) x3; lobes (L, 3): level, side, alpha; (L, ENTRIES, 2); (L, 2, 3); out (P, 3)
+    # (P, 3) x3; lobes (L, 4): level, side, alpha, footprint; (L, ENTRIES, 2); (L, 2, 3); out (P, 3)
     for p in numba.prange(normal.shape[0]):
         out[p, 0] = out[p, 1] = out[p, 2] = ZERO
         frame, wo = k_frame(normal[p], tangent[p], view[p])
@@ -100,7 +121,8 @@ def _shade_whole(
             continue
         for j in range(lobes.shape[0]):
             x, y, z = _mirror(wo, frame, lobes[j, 1])
-            r, g, b = k_trilinear_rgb(x, y, z, lobes[j, 0], buffer, chain, 4, ZERO * x)
+            level = _local_level(lobes[j, 0], lobes[j, 3], x, y, z, wo[2])
+            r, g, b = k_trilinear_rgb(x, y, z, level, buffer, chain, 4, ZERO * x)
             scale, bias = _reflectivity(wo[2], lobes[j, 2], tables[j])
             out[p, 0] += (colours[j, 0, 0] * scale + colours[j, 1, 0] * bias) * r
             out[p, 1] += (colours[j, 0, 1] * scale + colours[j, 1, 1] * bias) * g
@@ -129,7 +151,8 @@ def _shade_visible(
             continue
         for j in range(lobes.shape[0]):
             x, y, z = _mirror(wo, frame, lobes[j, 1])
-            r, g, b = k_visible_rgb(x, y, z, lobes[j, 0], visibility[p], buffer, boxes, sizes)
+            level = _local_level(lobes[j, 0], lobes[j, 3], x, y, z, wo[2])
+            r, g, b = k_visible_rgb(x, y, z, level, visibility[p], buffer, boxes, sizes)
             scale, bias = _reflectivity(wo[2], lobes[j, 2], tables[j])
             out[p, 0] += (colours[j, 0, 0] * scale + colours[j, 1, 0] * bias) * r
             out[p, 1] += (colours[j, 0, 1] * scale + colours[j, 1, 1] * bias) * g
@@ -156,6 +179,7 @@ def pem(
     *,
     precision: str = "single",
     visibility: npt.ArrayLike | None = None,
+    footprint: str = "constant",
     bias: float = 0.0,
 ) -> FloatArray:
     """Partial environment maps, eq. (1).
@@ -167,6 +191,9 @@ def pem(
     visibility : (..., R) array, optional
         Share of each region that a point sees, in the order of ``maps.regions``; None if nothing
         is in the way, which costs one lookup a lobe instead of one for each region.
+    footprint : "constant", "distance" or "view"
+        What the level depends on, eq. (3): the material alone, as published; also the place on the
+        cube; also the view.
     bias : float [level]
         Added to the calibrated level.
     precision : "single" or "double"
@@ -179,17 +206,19 @@ def pem(
     dtype = _check.dtype_of(precision)
     if not isinstance(maps, PartialMaps):
         raise _check.fail("prepared", "must come from partial_maps", maps)
-    shift = _check.in_range("bias", bias, -32.0, 32.0)
+    index = FOOTPRINTS.index(_check.choice("footprint", footprint, FOOTPRINTS))
+    shift = _check.in_range("bias", bias, -32.0, 32.0) - (MEAN_SHIFT if index else 0.0)
     rows, tables, colours = [], [], []
     for lobe, side in material.sided_lobes():
         ks, r0 = _check.rgb("ks", lobe.ks), _check.rgb("r0", lobe.r0)
-        rows.append((lobe_level(lobe, maps) + shift, side, lobe.alpha))
+        rows.append((lobe_level(lobe, maps) + shift, side, lobe.alpha, index))
         tables.append(albedo_table(equivalent_width(lobe), lobe.alpha, side < 0.0))
         colours.append((ks * r0, ks * (1.0 - r0)))
     out = np.zeros((points.coverage.size, 3), dtype=dtype)
     if not rows:
         return out.reshape(*points.shape, 3)
-    shared = [_check.frozen(np.array(a, dtype=dtype)) for a in (rows, tables, colours)]
+    packed, table, colour = (_check.frozen(np.array(a, dtype)) for a in (rows, tables, colours))
+    shared = packed, table, colour
     seen = np.flatnonzero(points.coverage)
     if visibility is None:
         buffer, chain, _ = maps.pyramid.kernel_arguments
@@ -217,4 +246,3 @@ def lobe_level(lobe: Lobe, maps: PartialMaps) -> float:
     """Level of the maps that a lobe is read from."""
     s = cosine_exponent(equivalent_width(lobe))
     return float(calibrate(maps.filter, maps.cube.size).level(s))
-

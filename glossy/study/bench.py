@@ -24,7 +24,7 @@ from ..shading import shade
 from . import preparation
 from .measure import Judge, best_bias, one_thread, timed
 from .preparation import Preparation
-from .settings import Case, MethodSpec, Plan, cpu_model, threshold_for
+from .settings import PREPARED, Case, MethodSpec, Plan, cpu_model, threshold_for
 
 if TYPE_CHECKING:
     from ..brdf import Material
@@ -154,7 +154,7 @@ class Bench:
             raise ValueError("study: the picture shows less than two pixels of the surface")
         stride = max(1, pixels // plan.subset)
         self.subset = np.arange(stride // 2, pixels, stride)
-        self._prepared: dict[tuple[str, str, str], Any] = {}
+        self._prepared: dict[tuple[str, ...], Any] = {}
         for case, method in itertools.product(plan.cases, plan.methods):
             self.prepared(case, method)  # refuses before anything is kept
         self.wanted = {case.name: self._wanted(case) for case in plan.cases}
@@ -169,6 +169,7 @@ class Bench:
             make.__module__,
             make.__qualname__,
             case.name if methods.bound_to_material(method.name) else "",
+            *method.preparation.values(),
         )
         if key not in self._prepared:
             self._prepared[key] = self._make(case.material, method)
@@ -176,7 +177,8 @@ class Bench:
 
     def _make(self, material: "Material", method: MethodSpec) -> Any:
         known = methods.preparation_options(method.name)
-        own = {k: v for k, v in self.plan.preparation.items() if k in known}
+        known = [k for k in known if k != PREPARED.get(method.name)]
+        own = {k: v for k, v in self.plan.preparation.items() if k in known} | method.preparation
         return methods.prepare(method.name, self.cube, material, **own)
 
     def truth(self, case: Case) -> dict[str, Any]:

@@ -25,6 +25,8 @@ VARIANTS = {
     "bent": "bend",
 }
 """Which option of a method its variant is."""
+PREPARED = {"pem": "filter"}
+"""Which option of a method's preparation its variant is; the plan's own is not for these."""
 LOBES = ("mx=.1", "mx=.15", "mx=.2,my=.075")
 SCHEDULE = ((20, 0.2), (50, 0.1))  # largest budget of each threshold; above: FINE_THRESHOLD
 FINE_THRESHOLD = 0.01
@@ -42,7 +44,7 @@ def threshold_for(budget: int) -> float:
 class MethodSpec:
     """A method with its footprint and variant, written ``name/footprint/variant``.
 
-    What the variant is: ``VARIANTS``. Methods without a footprint are ``name/variant``.
+    What the variant is: ``VARIANTS``, ``PREPARED``. Without a footprint: ``name/variant``.
     """
 
     name: str
@@ -57,8 +59,16 @@ class MethodSpec:
     @property
     def options(self) -> dict[str, Any]:
         """Options of ``shade`` that the spec fixes."""
-        named = {"footprint": self.footprint, VARIANTS.get(self.name, "variant"): self.variant}
+        named = {"footprint": self.footprint}
+        if self.name not in PREPARED:
+            named[VARIANTS.get(self.name, "variant")] = self.variant
         return {k: v for k, v in named.items() if v is not None}
+
+    @property
+    def preparation(self) -> dict[str, str]:
+        """Options of the method's preparation that the spec fixes."""
+        own = self.variant is not None and self.name in PREPARED
+        return {PREPARED[self.name]: str(self.variant)} if own else {}
 
 
 def parse_method(text: str) -> MethodSpec:
@@ -71,6 +81,8 @@ def parse_method(text: str) -> MethodSpec:
     """
     from .. import methods
     from ..footprint import FOOTPRINTS
+    from ..pem.shade import FOOTPRINTS as PEM_FOOTPRINTS
+    from ..pyramid import FILTERS
     from ..shading import NORMALISATIONS
     from ..splitsum.shade import BENDS, EQUIVALENTS
     from ..thesis import ESTIMATORS
@@ -83,8 +95,11 @@ def parse_method(text: str) -> MethodSpec:
         spec = MethodSpec(spec.name, None, parts[1])
     methods.check_options(spec.name, spec.options)
     if spec.footprint is not None:
-        _check.choice(f"methods: {text}", spec.footprint, FOOTPRINTS)
-    if spec.variant is not None:
+        known = PEM_FOOTPRINTS if spec.name == "pem" else FOOTPRINTS
+        _check.choice(f"methods: {text}", spec.footprint, known)
+    if spec.preparation:
+        _check.choice(f"methods: {text}", spec.variant, FILTERS)
+    elif spec.variant is not None:
         variants = {
             "normalisation": NORMALISATIONS,
             "estimator": ESTIMATORS,
