@@ -63,6 +63,13 @@ VIEWED = {"planar": "glossy.planar.objects:shade_reflector"}
 """Methods of an object in a view of its scene, which look up more than a cube map: functions
 ``(prepared, part, *, precision, **their own options)``, for scenes of objects alone."""
 
+VIEWED_TRUTHS = {"planar": "glossy.planar.truth:reference_planar"}
+"""Their ground truths, ``(prepared, part, estimator, samples, tolerance, seed)``."""
+
+VIEWED_PASSES = {"planar": "glossy.planar.objects:refine_reflector"}
+"""What refines them while the camera rests: states with ``radiance``, ``error`` and ``samples`` of
+``(prepared, part, most, seed, **their own options)``, as many as ``reference_passes`` has."""
+
 
 def _load(place: str) -> Callable[..., Any]:
     module, _, function = place.partition(":")
@@ -75,9 +82,9 @@ def resolve(name: str) -> Callable[..., Any]:
     return _load(METHODS[_check.choice("method", name, METHODS)])
 
 
-def viewed(name: str) -> Callable[..., Any]:
-    """The function of a method of ``VIEWED``."""
-    return _load(VIEWED[name])
+def viewed(name: str, table: Mapping[str, str] = VIEWED) -> Callable[..., Any]:
+    """The function of a method of ``VIEWED``, or its truth or passes."""
+    return _load(table[name])
 
 
 def preparation(name: str) -> Callable[..., Any]:

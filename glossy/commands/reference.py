@@ -19,6 +19,7 @@ examples:
 
 The EXR holds R, G, B and the error of each pixel and channel as error.R, error.G, error.B:
 a bound on the absolute error (texels) or its standard error (mc, qmc).
+Planar reflectors of a scene of objects are integrated by casting rays into it (qmc, mc).
 The material may be a file of measurements: .bsdf (RGL), .brdf (Cornell), .xml (Klems), .binary
 (MERL), .txt or .dat (table).
 """

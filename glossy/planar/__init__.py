@@ -7,6 +7,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .converge import Refined, Refinement, refine_planar
     from .levels import Levels, build_levels
     from .mapping import Mapping, MappingCounts, map_samples
     from .mirror import (
@@ -28,6 +29,8 @@ _WHERE = {
     "MappingCounts": "mapping",
     "MirrorBuffer": "mirror",
     "MirrorCamera": "mirror",
+    "Refined": "converge",
+    "Refinement": "converge",
     "build_levels": "levels",
     "map_samples": "mapping",
     "mirror_camera": "mirror",
@@ -35,6 +38,7 @@ _WHERE = {
     "planar_pattern": "pattern",
     "reference_planar": "truth",
     "reference_planar_passes": "truth",
+    "refine_planar": "converge",
     "reflector_plane": "mirror",
     "render_mirror": "mirror",
     "shade_planar": "shade",
@@ -47,6 +51,8 @@ __all__ = [
     "MappingCounts",
     "MirrorBuffer",
     "MirrorCamera",
+    "Refined",
+    "Refinement",
     "build_levels",
     "map_samples",
     "mirror_camera",
@@ -54,6 +60,7 @@ __all__ = [
     "planar_pattern",
     "reference_planar",
     "reference_planar_passes",
+    "refine_planar",
     "reflector_plane",
     "render_mirror",
     "shade_planar",

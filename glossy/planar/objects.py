@@ -2,11 +2,14 @@
 
 import dataclasses
 import time
+from collections.abc import Iterator
+from typing import Any
 
 from .. import _check
 from ..scenes.prepared import PreparedScene
 from ..scenes.render import Part, Shaded
 from ..thesis_pattern import ANISOTROPY
+from .converge import Refined, Refinement, refine_planar
 from .mirror import MirrorBuffer, mirror_camera, reflector_plane, render_mirror
 from .shade import Fallback, shade_counted
 
@@ -36,6 +39,42 @@ def mirror_pass(
     return render_mirror(prepared.world, part.index, camera)
 
 
+def _fallback(prepared: PreparedScene, part: Part, misses: str) -> Fallback | None:
+    """What samples that miss the buffer read."""
+    if _check.choice("misses", misses, MISSES) == "edge":
+        return None
+    lookup = prepared.lookup(part.index, "regular")
+    return Fallback(lookup, prepared.geometry.center(part.index))
+
+
+def refine_reflector(
+    prepared: PreparedScene,
+    part: Part,
+    most: int,
+    seed: int = 0,
+    *,
+    intersections: int = 2,
+    scale: float = 1.0,
+    margin: float = 0.0,
+    misses: str = "cube",
+    **options: Any,
+) -> Iterator[Refined]:
+    """States of a reflector's converging buffer, up to ``most`` samples a point (``converge``).
+
+    Options as for ``shade_reflector``; those that are about few samples have no say here.
+    """
+    buffer = mirror_pass(prepared, part, scale, margin)
+    run = Refinement(
+        part.points,
+        part.material,
+        buffer,
+        intersections=intersections,
+        fallback=_fallback(prepared, part, misses),
+        seed=seed,
+    )
+    return refine_planar(run, most)
+
+
 def shade_reflector(
     prepared: PreparedScene,
     part: Part,
@@ -60,15 +99,11 @@ def shade_reflector(
     miss the buffer from the object's own cube map, which is captured for nothing else, "edge" from
     the buffer's edge.
     """
-    _check.choice("misses", misses, MISSES)
     start = time.perf_counter()
     buffer = mirror_pass(prepared, part, scale, margin)
     buffer.pyramid(filter)
     made = time.perf_counter() - start
-    fallback = None
-    if misses == "cube":
-        lookup = prepared.lookup(part.index, "regular")
-        fallback = Fallback(lookup, prepared.geometry.center(part.index))
+    fallback = _fallback(prepared, part, misses)
     start = time.perf_counter()
     radiance, counts = shade_counted(
         part.points,

@@ -10,7 +10,7 @@ ground truth thus differ in the integral over the cube map alone, as in the thes
 import dataclasses
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,9 @@ from .geometry import Hits
 from .model import ObjectScene
 from .prepared import PreparedScene, prepare
 from .shapes import Rectangle
+
+if TYPE_CHECKING:
+    from ..reference import Truth
 
 FloatArray = npt.NDArray[np.floating]
 Float64Array = npt.NDArray[np.float64]
@@ -231,8 +234,9 @@ class ObjectRendering:
 
 @dataclasses.dataclass(frozen=True)
 class ObjectTruth(ObjectRendering):
-    """The ground truth of the same picture, over the same cube maps and light maps.
+    """The ground truth of the same picture, over the same light maps.
 
+    That is over the same cube maps too, but for planar reflectors, whose rays are cast.
     ``error`` (H, W, 3), "bound" or "standard", is that of the lobes' integrals alone.
     """
 
@@ -305,6 +309,28 @@ def render_objects(
     return ObjectRendering(image=image.astype(np.float32), **common)
 
 
+def _truth(
+    prepared: PreparedScene, part: Part, estimator: str, given: Mapping[str, Any]
+) -> "Truth":
+    """The truth of a part's lobes: rays where the method has them, else over the cube map."""
+    from ..reference import reference
+
+    name, _ = prepared.scene.method_of(prepared.scene.objects[part.index])
+    if name in methods.VIEWED:
+        own = methods.viewed(name, methods.VIEWED_TRUTHS)
+        found: Truth = own(prepared, part, estimator=estimator, **given)
+        return found
+    return reference(
+        part.points,
+        part.material,
+        prepared.cube_map(part.index),
+        estimator=estimator,
+        diffuse=False,
+        parallax=bounding_planes(prepared, part.index),
+        **given,
+    )
+
+
 def reference_objects(
     scene: ObjectScene | PreparedScene,
     estimator: str = "texels",
@@ -314,18 +340,18 @@ def reference_objects(
 ) -> ObjectTruth:
     """The ground truth of the same picture: the lobes integrated over the captured cube maps.
 
+    Those of planar reflectors are integrated by casting rays (``planar.reference_planar``).
     ``options`` are those of ``reference``, the others as for ``render_objects``. With bounding
-    planes light depends on the place, and "qmc" stands for "texels".
+    planes or planar reflectors light depends on the place, and "qmc" stands for "texels".
 
     Raises
     ------
     ValueError, OSError
         As ``render_objects``, and ``reference``.
     """
-    from ..reference import reference
-
-    scene_planes = (scene.scene if isinstance(scene, PreparedScene) else scene).planes
-    if scene_planes and estimator == "texels":
+    plan = scene.scene if isinstance(scene, PreparedScene) else scene
+    placed = any(o.glossy and plan.method_of(o)[0] in methods.VIEWED for o in plan.objects)
+    if estimator == "texels" and (plan.planes or placed):
         estimator = "qmc"
     start = time.perf_counter()
     prepared = scene if isinstance(scene, PreparedScene) else prepare(scene, True, update, progress)
@@ -334,16 +360,7 @@ def reference_objects(
     lobes, errors, objects = [], [], []
     kind = "bound" if estimator == "texels" else "standard"
     for part in seen.parts:
-        cube = prepared.cube_map(part.index)
-        truth = reference(
-            part.points,
-            part.material,
-            cube,
-            estimator=estimator,
-            diffuse=False,
-            parallax=bounding_planes(prepared, part.index),
-            **given,
-        )
+        truth = _truth(prepared, part, estimator, given)
         lobes.append(truth.radiance)
         errors.append(truth.error)
         kind = truth.error_kind
