@@ -76,6 +76,15 @@ def test_work_draws_its_plot(tmp_path: pathlib.Path) -> None:
     assert place.read_bytes()[1:4] == b"PNG"
 
 
+def test_prefiltered_lobes_print_and_plot(tmp_path: pathlib.Path) -> None:
+    place, file = tmp_path / "figure.png", tmp_path / "figures.json"
+    options = ("--quick", "--part", "figure7", "--plot", str(place), "--json", str(file))
+    assert "RMS error by number of lobes" in run("reproduce_prefiltered", *options)
+    assert place.read_bytes()[1:4] == b"PNG"
+    rows = json.loads(file.read_text())["results"]["figure7"]
+    assert rows[1]["minimum"] < rows[0]["minimum"]
+
+
 @pytest.fixture(name="common")
 def _common(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.syspath_prepend(str(FOLDER))

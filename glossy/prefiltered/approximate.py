@@ -66,7 +66,7 @@ def approximate(
     lobes: int = 1,
     elevations: int | npt.ArrayLike = 16,
     angles: int | npt.ArrayLike = NODES,
-    cosine: str = "outside",
+    cosine: str = "inside",
     search: str = "peak",
     finish: str = "mean",
     characteristic: float | None = None,
@@ -84,8 +84,9 @@ def approximate(
         Count of slices, even in cos theta_o from 0.05 to 1, or their cosines, rising.
     angles : int or (A,) array
         Count of a profile's nodes, crowded where the lobe is, or the nodes [rad] from 0.
-    cosine : "outside" or "inside"
-        Approximate f, with (n.r) as a factor of the estimate (M), or f cos theta_i.
+    cosine : "inside" or "outside"
+        Approximate f cos theta_i, or f, with (n.r) as a factor of the estimate (M eq. 2), which is
+        worse for wide lobes seen at a glance.
     search : "peak", "candidates" or "volume"
         Where axes are looked for, see ``search``.
     finish : "mean", "minimum", "rescale" or "refit"
@@ -152,13 +153,14 @@ def _stacks(
     axes = np.array([[axis for axis, _ in lobes] for lobes in found])
     values = np.array([[profile for _, profile in lobes] for lobes in found])
     held = np.einsum("elac,a->el", values, ring_solid_angles(angles))
-    chosen = track.order(axes, held, theta_o)
+    share = held / np.maximum(held.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+    chosen = track.order(axes, share, theta_o)
     rows = np.arange(len(cosines))
     made = []
     for stack in range(axes.shape[1]):
         pick = [c[stack] for c in chosen]
         theta, phi = _offsets(axes[rows, pick], theta_o)
-        track.hold_faint(theta, phi, held[rows, pick], cosines)
+        track.hold_faint(theta, phi, share[rows, pick], cosines)
         ones, own = np.ones((len(cosines), values.shape[-1])), values[rows, pick]
         made.append(_trimmed(cosines, angles, own, cosines, ones, theta, phi, outside))
     return tuple(sorted(made, key=lambda s: -float(s.volumes().sum())))

@@ -6,7 +6,9 @@ to axis l ::
 
     min sum_j omega_j (v_j - sum_l sum_k p_lk hat_k(a_lj))^2 + eps^2 sum (p_lk - p_l,k-1)^2    (1)
 
-over p >= 0, a convex problem; the second sum only holds together nodes that no sample reaches.
+over p >= 0, a convex problem. The samples are those of the slice and their mirror images below the
+horizon, where v = 0: the filter sees that light. The second sum only holds together nodes that no
+sample reaches.
 """
 
 import math
@@ -76,14 +78,16 @@ def _hats(angles: Float64Array, at: Float64Array) -> Float64Array:
 def _refit(piece: Slice, angles: Float64Array, lobes: Found) -> Found:
     """Eq. (1) for every channel."""
     n = len(angles)
-    root = np.sqrt(piece.area)[:, None]
-    sides = [_hats(angles, profiles.angle_to(axis, piece.wi)) for axis, _ in lobes]
+    root = np.sqrt(np.tile(piece.area, 2))[:, None]
+    wi = np.concatenate([piece.wi, piece.wi * [1.0, 1.0, -1.0]])
+    value = np.concatenate([piece.value, np.zeros_like(piece.value)])
+    sides = [_hats(angles, profiles.angle_to(axis, wi)) for axis, _ in lobes]
     matrix = np.hstack(sides) * root
     step = np.diff(np.eye(n), axis=0)
     hold = np.kron(np.eye(len(lobes)), step) * (HOLD * math.sqrt(float((matrix**2).sum(0).mean())))
     gram = matrix.T @ matrix + hold.T @ hold
     gram[np.diag_indices_from(gram)] += 1e-12 * np.trace(gram) / len(gram)
     upper = np.linalg.cholesky(gram).T
-    right = np.linalg.solve(upper.T, matrix.T @ (piece.value * root))
+    right = np.linalg.solve(upper.T, matrix.T @ (value * root))
     solved = np.stack([nnls(upper, b)[0] for b in right.T], axis=-1)
     return [(axis, solved[k * n : (k + 1) * n]) for k, (axis, _) in enumerate(lobes)]

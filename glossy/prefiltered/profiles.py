@@ -3,8 +3,7 @@
 A profile curve is the slice along a great circle through the axis. Their mean is the radially
 symmetric lobe that is closest to the slice in the mean square; below the horizon a slice is 0, so
 that mean loses no energy. Their minimum stays below the slice, so that a rest >= 0 is left for
-further lobes; it looks at directions above the horizon only (what is beyond counts neither way),
-or at all of them (``horizon=True``).
+further lobes; it looks at directions above the horizon only.
 
 The minimum of finitely many curves may still pass the slice between them. Each node k of the
 profile is therefore scaled by
@@ -63,18 +62,13 @@ def minimum_profile(
     angles: Float64Array,
     wi: Float64Array,
     value: Float64Array,
-    horizon: bool = False,
-    curves: int = CURVES,
 ) -> Float64Array:
     """Least (A, C) of the profile curves, nowhere above the samples ``wi`` (G, 3), ``value``."""
-    directions = about(axis, angles, curves)
-    f = function(directions)
-    if not horizon:
-        up = directions[..., 2] > 0.0
-        f = np.where(up[..., None], f, np.inf)
-        f[:, ~up.any(axis=0)] = 0.0
-    profile = f.min(axis=0)
-    return _below(angles, profile, angle_to(axis, wi), value)
+    directions = about(axis, angles)
+    up = directions[..., 2] > 0.0
+    f = np.where(up[..., None], function(directions), np.inf)
+    f[:, ~up.any(axis=0)] = 0.0
+    return _below(angles, f.min(axis=0), angle_to(axis, wi), value)
 
 
 def _below(

@@ -16,7 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from .slices import Float64Array
 
 AT_NORMAL = 1e-3  # rad
-FAINT = 0.02  # share of a stack's largest volume below which a slice's lobe does not place the axis
+FAINT = 0.005  # share of a slice's volume below which a lobe does not say where its axis is
 
 
 def offsets(axis: Float64Array, theta_o: float) -> tuple[float, float]:
@@ -94,14 +94,16 @@ def continuous(theta: Float64Array, phi: Float64Array, theta_o: Float64Array) ->
 
 
 def hold_faint(
-    theta: Float64Array, phi: Float64Array, volumes: Float64Array, cosines: Float64Array
+    theta: Float64Array, phi: Float64Array, share: Float64Array, cosines: Float64Array
 ) -> None:
-    """Replace the offsets (E,) of slices that hold next to nothing by their neighbours', in place.
+    """Replace the offsets (E,) where a lobe holds next to nothing by their neighbours', in place.
+
+    ``share`` (E,) is what the lobe holds of what all lobes of its slice do.
 
     Near the normal the further lobes fade out and their axes are accidents; followed, the axis
     would swing about while the lobe of the next slice is still there.
     """
-    solid = volumes > FAINT * volumes.max()
+    solid = share > FAINT
     if solid.any():
         for offset in (theta, phi):
             offset[~solid] = np.interp(cosines[~solid], cosines[solid], offset[solid])
