@@ -4,7 +4,7 @@ With v what is approximated (f, or f cos theta_i) and q the lobes, over the dire
 horizon::
 
     rms     = sqrt( int (q - v)^2 dw / int v^2 dw )                                        (1)
-    furnace = factor sum_l k int p_l dw / albedo - 1                                        (2)
+    furnace = (factor sum_l k int p_l dw - albedo) / mean albedo of the channels            (2)
 
 (1) is M's measure, of the BRDF without the cosine of the estimate; M does not say how the views are
 weighed, so each view has its own figure here. (2) is the error of the brightness under an even sky,
@@ -63,5 +63,6 @@ def lobe_error(
         apart = np.sum(piece.area @ (lobes - piece.value) ** 2)
         whole = np.sum(piece.area @ piece.value**2)
         rms.append(math.sqrt(float(apart / whole)))
-        furnace.append(sum(s.furnace(wo) for s in stacks) / piece.albedo - 1.0)
+        light = sum(s.furnace(wo) for s in stacks)
+        furnace.append((light - piece.albedo) / piece.albedo.mean())
     return LobeError(views, np.array(rms), np.array(furnace))
