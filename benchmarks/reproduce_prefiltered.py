@@ -178,7 +178,7 @@ def searches(found: dict[str, Any], quick: bool) -> list[dict[str, Any]]:
                 ("3 lobes, minimum", {"mode": "multi", "lobes": 3, "finish": "minimum"}),
                 ("3 lobes, mean", {"mode": "multi", "lobes": 3}),
             ):
-                stacks = approximate(material, elevations=views, search=search, **options)  # type: ignore[arg-type]
+                stacks = approximate(material, elevations=views, search=search, **options)
                 row[label] = mean_rms(material, stacks, views)
             rows.append(row)
     return rows
