@@ -19,6 +19,7 @@ from glossy.pem.glossiness import (
     lobe_volume,
     places,
 )
+from glossy.pem.lobe_error import lobe_error
 
 FloatArray = npt.NDArray[np.floating]
 
@@ -139,3 +140,31 @@ def test_levels_counted_from_the_top_do_not_depend_on_the_size(filter: str) -> N
     s = np.array([1.0, 2.0, 5.0, 15.0])
     small, large = (np.log2(n) - calibrate(filter, n).level(s) for n in (32, 128))
     assert np.abs(small - large).max() < 0.06
+
+
+def test_error_of_a_lobe() -> None:
+    """Against sums over a grid on the cube; nothing where the chain has no such lobe."""
+    size, texel = 16, [[4, 7, 9]]
+    found = lobe_error("pem5:sqrtcos", size, [1.0, 8.0, 1e9], texel)
+    assert found.shape == (3, 1)
+    assert np.isnan(found[2, 0])
+    faces = np.zeros((6, size, size, 3))
+    faces[4, 7, 9] = 1.0
+    pyramid = glossy.build_pyramid(glossy.CubeMap(faces), filter="pem5:sqrtcos")
+    directions = texel_directions(128)
+    omega = np.broadcast_to(texel_solid_angles(128), directions.shape[:-1])
+    cosine = normalise(directions) @ normalise(texel_directions(size)[4, 7, 9])
+    levels = np.linspace(0.0, 4.0, 41)
+    for s, error in zip((1.0, 8.0), found[:, 0], strict=False):
+        lobe = np.maximum(cosine, 0.0) ** s
+        near = np.argmin([abs(volume(pyramid, k) - lobe_volume(s)) for k in levels])
+        h = pyramid.sample(directions, levels[near])[..., 0].astype(np.float64)
+        h *= float(lobe_volume(s)) / (h * omega).sum()
+        twin = float((np.abs(h - lobe) * omega).sum() / lobe_volume(s))
+        assert error == pytest.approx(twin, abs=0.03)  # the level is searched in steps of .1
+
+
+def volume(pyramid: glossy.Pyramid, level: float) -> float:
+    directions = texel_directions(64)
+    h = pyramid.sample(directions, level)[..., 0].astype(np.float64)
+    return float((h * texel_solid_angles(64)).sum() / h.max())

@@ -7,6 +7,7 @@ import pytest
 
 import glossy
 from glossy.pem.maps import LAYOUTS, PartialMaps, partial_maps
+from glossy.pem.memory import memory
 
 FloatArray = npt.NDArray[np.floating]
 
@@ -116,3 +117,17 @@ def test_refusals() -> None:
             maps.sample([0, 0, 1], 0.0, seen)
     with pytest.raises(ValueError, match="must broadcast"):
         maps.sample(np.ones((2, 3)), 0.0, np.ones((3, 6)))
+
+
+def test_memory_in_closed_form() -> None:
+    """R cube maps with levels, R shadow maps."""
+    maps = partial_maps(random_cube(16), 12, storage="rgba16f")
+    found = memory(maps, shadow_size=128)
+    pyramid = 8 * 6 * (4**5 - 1) // 3
+    assert (found.pyramid, found.whole) == (pyramid, 12 * pyramid)
+    assert found.shadows == 12 * 128 * 128 * 4
+    assert found.held == 8 * maps.texels < found.whole
+    single = memory(partial_maps(random_cube(16), 12, layout="whole"))
+    assert single.whole == 2 * found.whole < single.held  # with rings
+    with pytest.raises(ValueError, match=r"^shadow_size: must be at least 1"):
+        memory(maps, shadow_size=0)

@@ -108,14 +108,15 @@ class Impulses:
             self._pyramids.append(build_pyramid(CubeMap(faces), filter=filter))
         self.size, self.levels = size, size.bit_length()
 
-    def lookup(self, directions: Float64Array, level: npt.ArrayLike) -> Float64Array:
-        """What directions (P, K, 3) see of each texel at levels (...) against (K,): (P, ..., K)."""
+    def lookup(self, index: int, directions: npt.ArrayLike, level: npt.ArrayLike) -> Float64Array:
+        """What directions (..., 3) see of one of the texels at levels (...), (...)."""
+        seen = self._pyramids[index // 3].sample(directions, level, precision="double")
+        return np.asarray(seen[..., index % 3])
+
+    def _all(self, directions: Float64Array, level: npt.ArrayLike) -> Float64Array:
+        """What directions (P, K, 3) see of their texels at levels (...): (P, ..., K)."""
         lod = np.asarray(level, dtype=np.float64)[..., None]
-        parts = []
-        for i, pyramid in enumerate(self._pyramids):
-            for c, own in enumerate(directions[3 * i : 3 * i + 3]):
-                parts.append(pyramid.sample(own, lod, precision="double")[..., c])
-        return np.stack(parts)
+        return np.stack([self.lookup(i, own, lod) for i, own in enumerate(directions)])
 
     def _brightest(self, level: int) -> Float64Array:
         """Directions of the brightest texels of a level, (P, BRIGHTEST, 3)."""
@@ -139,7 +140,7 @@ class Impulses:
         volume, bright = [], []
         for level in range(self.levels):
             _, d, w = circles(self.axes, self.reach(level), CIRCLES, AZIMUTHS)
-            volume.append(self.lookup(d, level) @ w)
+            volume.append(self._all(d, level) @ w)
             bright.append(self._brightest(level))
         steps = np.arange((self.levels - 1) * STEPS + 1) / STEPS
         first = np.minimum(steps.astype(int), max(self.levels - 2, 0))
@@ -147,7 +148,7 @@ class Impulses:
         for level in range(self.levels):
             own = steps[first == level]
             among = np.concatenate(bright[level : level + 2], axis=1)
-            peak = self.lookup(among, own).max(axis=-1)
+            peak = self._all(among, own).max(axis=-1)
             f = own - level
             mixed = np.outer(volume[level], 1.0 - f) + np.outer(
                 volume[min(level + 1, self.levels - 1)], f

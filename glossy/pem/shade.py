@@ -43,7 +43,7 @@ from ..brdf import Lobe, Material
 from ..frames import SurfacePoints
 from ..sampler import k_trilinear_rgb
 from ..shading import chunks, k_frame
-from ..splitsum.shade import albedo_table, equivalent_width
+from ..splitsum.shade import albedo_table, equivalent_width, k_albedo
 from .glossiness import calibrate
 from .maps import PartialMaps, check_visibility, k_visible_rgb
 
@@ -86,21 +86,6 @@ def _local_level(
     return level
 
 
-@kernel
-def _reflectivity(cos_o: Scalar, alpha: Scalar, table: FloatArray) -> tuple[Scalar, Scalar]:
-    """A and B of eq. (1) by linear interpolation in sqrt(cos_o); the table is times cos_o^alpha."""
-    last = table.shape[0] - 1
-    at = np.sqrt(min(cos_o, ONE)) * type(cos_o)(last)
-    i = min(np.int64(at), last - 1)
-    f = at - type(cos_o)(i)
-    a = table[i, 0] + f * (table[i + 1, 0] - table[i, 0])
-    b = table[i, 1] + f * (table[i + 1, 1] - table[i, 1])
-    if alpha != ZERO:
-        power = cos_o**-alpha
-        return a * power, b * power
-    return a, b
-
-
 @parallel_kernel
 def _shade_whole(
     normal: FloatArray,
@@ -123,7 +108,7 @@ def _shade_whole(
             x, y, z = _mirror(wo, frame, lobes[j, 1])
             level = _local_level(lobes[j, 0], lobes[j, 3], x, y, z, wo[2])
             r, g, b = k_trilinear_rgb(x, y, z, level, buffer, chain, 4, ZERO * x)
-            scale, bias = _reflectivity(wo[2], lobes[j, 2], tables[j])
+            scale, bias = k_albedo(tables[j], lobes[j, 2], wo[2])
             out[p, 0] += (colours[j, 0, 0] * scale + colours[j, 1, 0] * bias) * r
             out[p, 1] += (colours[j, 0, 1] * scale + colours[j, 1, 1] * bias) * g
             out[p, 2] += (colours[j, 0, 2] * scale + colours[j, 1, 2] * bias) * b
@@ -153,7 +138,7 @@ def _shade_visible(
             x, y, z = _mirror(wo, frame, lobes[j, 1])
             level = _local_level(lobes[j, 0], lobes[j, 3], x, y, z, wo[2])
             r, g, b = k_visible_rgb(x, y, z, level, visibility[p], buffer, boxes, sizes)
-            scale, bias = _reflectivity(wo[2], lobes[j, 2], tables[j])
+            scale, bias = k_albedo(tables[j], lobes[j, 2], wo[2])
             out[p, 0] += (colours[j, 0, 0] * scale + colours[j, 1, 0] * bias) * r
             out[p, 1] += (colours[j, 0, 1] * scale + colours[j, 1, 1] * bias) * g
             out[p, 2] += (colours[j, 0, 2] * scale + colours[j, 1, 2] * bias) * b
