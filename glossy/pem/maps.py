@@ -127,10 +127,19 @@ def _padded(pyramid: Pyramid) -> list[Float32Array]:
     return levels
 
 
-def _extent(lit: npt.ArrayLike) -> tuple[int, int]:
-    """First index that is set, and the one after the last."""
-    where = np.flatnonzero(lit)
-    return (int(where[0]), int(where[-1]) + 1) if len(where) else (0, 0)
+@kernel
+def _lit_box(texels: Float32Array, begin: Scalar, end: Scalar) -> tuple[int, int, int, int]:
+    """Smallest rectangle (top, bottom, left, right) with all that is not zero in a square."""
+    top, bottom, left, right = end, begin, end, begin
+    for row in range(begin, end):
+        for col in range(begin, end):
+            a, b, c, d = texels[row, col]
+            if a != ZERO or b != ZERO or c != ZERO or d != ZERO:
+                top, bottom = min(top, row), row + 1
+                left, right = min(left, col), max(right, col + 1)
+    if bottom <= top:
+        return begin, begin, begin, begin
+    return top, bottom, left, right
 
 
 def _box(texels: Float32Array, layout: str) -> tuple[int, int, int, int]:
@@ -138,10 +147,7 @@ def _box(texels: Float32Array, layout: str) -> tuple[int, int, int, int]:
     begin, end = PAD - 1, len(texels) - PAD + 1
     if layout == "whole":
         return begin, end, begin, end
-    lit = np.any(texels[begin:end, begin:end] != 0.0, axis=-1)
-    top, bottom = _extent(np.any(lit, axis=1))
-    left, right = _extent(np.any(lit, axis=0))
-    return begin + top, begin + bottom, begin + left, begin + right
+    return _lit_box(_check.frozen(texels), begin, end)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

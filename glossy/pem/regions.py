@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from ..cubemap import CubeMap, texel_directions
+from ..cubemap import CubeMap, face_directions
 from ..frames import normalise
 
 Float64Array = npt.NDArray[np.float64]
@@ -161,7 +161,9 @@ def regions(cube: CubeMap, count: int = 48) -> Regions:
         direction=np.zeros((whole, 3)),
         labels=np.empty((6, n, n), dtype=np.int32),
     )
-    directions = normalise(texel_directions(n))
+    along = (np.arange(n) + 0.5) * (2.0 / n) - 1.0
+    inverse = 1.0 / np.sqrt(1.0 + along**2 + along[:, None] ** 2)  # of the length of (s, t, 1)
+    sums = np.zeros((whole, 3))
     for i in range(whole):
         box = found.box(i)
         area, share = omega[box[1:]], weighed[box]
@@ -169,9 +171,15 @@ def regions(cube: CubeMap, count: int = 48) -> Regions:
         found.solid_angle[i] = area.sum()
         found.power[i] = np.einsum("rcx,rc->x", cube.faces[box].astype(np.float64), area)
         found.importance[i] = share.sum()
-        weight = share if found.importance[i] > 0.0 else area
-        found.direction[i] = np.einsum("rcx,rc->x", directions[box], weight / weight.max())
-    found.direction[...] = normalise(found.direction)
+        weight = share / share.max() if found.importance[i] > 0.0 else area
+        weight = weight * inverse[box[1:]]
+        sums[i] = (
+            weight.sum(axis=0) @ along[box[2]],
+            weight.sum(axis=1) @ along[box[1]],
+            weight.sum(),
+        )
+    s, t = sums[:, 0] / sums[:, 2], sums[:, 1] / sums[:, 2]
+    found.direction[...] = normalise(face_directions(found.face, s, t))
     for value in vars(found).values():
         if isinstance(value, np.ndarray):
             value.flags.writeable = False
