@@ -36,6 +36,13 @@ def test_real_time_methods_hold(group: str) -> None:
     assert not broken(checks.check_shade(case) for case in mine)
 
 
+def test_reflectivities_hold() -> None:
+    results = list(checks.check_reflectivity())
+    assert not broken(results)
+    long = next(r for r in results if "m = 1 0.001" in r.name)
+    assert long.measured["r0 = 1"] > 1e-4  # views do meet the table's worst places
+
+
 def test_bsdf_holds() -> None:
     results = list(checks.check_eval())
     assert not broken(results)

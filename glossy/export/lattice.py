@@ -129,7 +129,8 @@ let side: f32 = dot(wo.xy, wo.xy);
 if (side > 1e-30) {
     let part: vec2<f32> = sqrt(${C}_M) * abs(wo.xy);
     k = sqrt(dot(${C}_M, part * part) / side);
-    column = part.y / (part.x + part.y) * f32(${C}_COLUMNS - 1);
+    let roots: vec2<f32> = sqrt(part);
+    column = roots.y / (roots.x + roots.y) * f32(${C}_COLUMNS - 1);
 }
 """.splitlines()
 ROW = [

@@ -28,7 +28,7 @@ Float64Array = npt.NDArray[np.float64]
 
 DEGREE = 4
 NODES = 32  # a side of the quadrature: its error is below that of reading the table
-ROWS, COLUMNS = 65, 33  # nodes of the reflectivity over the view's elevation and azimuth
+ROWS, COLUMNS = 65, 49  # nodes of the reflectivity over the view's elevation and azimuth
 
 
 @functools.cache
@@ -124,13 +124,14 @@ def reflectivity_table(mx: float, my: float, alpha: float) -> Float64Array:
     """Reflectivities over a scale, (ROWS, C, 3): of r0 = 1, fifth root of Schlick's term, its rest.
 
     With c = wo.n and k^2 = (mx^2 x^2 + my^2 y^2)/(x^2 + y^2) of the view's azimuth, rows are even
-    in (c + c (1 + k)/(c + k)) / 2, columns in sqrt(my) |y| / (sqrt(mx) |x| + sqrt(my) |y|) (C = 1
-    for an isotropic lobe); read bilinearly. The scale, (c + k)^(1 - alpha) / c^alpha, is how a
-    sharp lobe reflects; its Schlick term is near (1 - c)^5.
+    in (c + c (1 + k)/(c + k)) / 2, columns in v/(u + v), u^2 = sqrt(mx) |x|, v^2 = sqrt(my) |y|
+    (C = 1 for an isotropic lobe), so that they crowd where a long lobe turns; read bilinearly. The
+    scale, (c + k)^(1 - alpha) / c^alpha, is how a sharp lobe reflects; its Schlick term is near
+    (1 - c)^5.
     """
     columns = 1 if mx == my else COLUMNS
     part = np.linspace(0.0, 1.0, columns)
-    phi = np.arctan2(part * math.sqrt(mx), (1.0 - part) * math.sqrt(my))
+    phi = np.arctan2(part**2 * math.sqrt(mx), (1.0 - part) ** 2 * math.sqrt(my))
     k = np.hypot(mx * np.cos(phi), my * np.sin(phi))
     x = np.linspace(0.0, 1.0, ROWS)[:, None]
     b = 1.0 + 2.0 * k - 2.0 * x

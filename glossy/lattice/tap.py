@@ -43,7 +43,8 @@ def k_view(wox: Scalar, woy: Scalar, mx: Scalar, my: Scalar) -> tuple[Scalar, Sc
     if mx == my or flat <= TINY:
         return ZERO * mx, mx
     x, y = np.sqrt(mx) * abs(wox), np.sqrt(my) * abs(woy)
-    return y / (x + y), np.sqrt((mx * x * x + my * y * y) / flat)
+    u, v = np.sqrt(x), np.sqrt(y)
+    return v / (u + v), np.sqrt((mx * x * x + my * y * y) / flat)
 
 
 @kernel

@@ -36,6 +36,11 @@ DOUBLE = 1e-12
 """Relative error of float64, by the extended twin."""
 DOUBLE_INPUT = 4e-16
 """``INPUT`` in double precision."""
+LATTICE = 1e-5
+"""``SINGLE`` of the lattice: axes of a lobe hang on differences of its variances."""
+POLE = 3e-3
+"""Of a long lobe seen along the normal in a turned frame: rounding decides the azimuth at which the
+lattice reads its table of reflectivities, which errs by so much from azimuth to azimuth."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -219,8 +224,53 @@ def _maps() -> list[ShadeCase]:
     return found
 
 
+LATTICE_LOBES = (
+    *(Lobe(m, r0=0.2, alpha=alpha) for m, alpha in ((1e-4, 0.0), (0.15, 0.5), (2.0, 1.0))),
+    Lobe(1.0, 1e-3, r0=0.2),
+    Lobe(1e-4, 0.1, r0=0.2, alpha=1.0),
+)
+
+
+def _lattice() -> list[ShadeCase]:
+    found = []
+    for lobe, cosine, (frame, transmission) in itertools.product(
+        LATTICE_LOBES, COSINES, (("axes", False), ("axes", True), ("turned", False))
+    ):
+        m, turned = lobe.widths, frame == "turned"
+        side = "transmission" if transmission else "reflection"
+        single = LATTICE + (INPUT / cosine if turned else 0.0)
+        found.append(
+            ShadeCase(
+                "lattice",
+                f"{side}, frame {frame}, wo.n = {cosine:g}, m = {m[0]:g} {m[1]:g}",
+                lobe,
+                (cosine,),
+                frame,
+                transmission,
+                method="lattice",
+                single=single + (POLE if turned and cosine == 1.0 and m[0] != m[1] else 0.0),
+                double=DOUBLE + (DOUBLE_INPUT / cosine if turned else 0.0),
+            )
+        )
+    limit = LATTICE + INPUT / 0.1
+    base = ShadeCase("lattice", "", Lobe(0.1), frame="turned", method="lattice", single=limit)
+    for count in (1, 2, 7, 32, 64):
+        own = {"samples": count}
+        found.append(dataclasses.replace(base, name=f"{count} samples", options=own))
+    for name in ("wide", "hot", "black", "1e-30", "1e30", "noise"):
+        by = "peak" if name in ("wide", "hot", "noise") else "value"
+        found.append(dataclasses.replace(base, name=f"map {name}", map=name, by=by))
+    for size, bias in itertools.product((1, 2, 64), (-1e30, 0.0, 50.0)):
+        name, biased = f"N = {size}, level bias {bias:g}", {"bias": float(bias)}
+        fields: dict[str, Any] = {"map": "noise", "size": size, "options": biased, "by": "peak"}
+        found.append(dataclasses.replace(base, name=name, **fields))
+    return found
+
+
 SHADE = tuple(
-    case for part in (_views, _lobes, _cut, _counts, _estimators, _maps) for case in part()
+    case
+    for part in (_views, _lobes, _cut, _counts, _estimators, _maps, _lattice)
+    for case in part()
 )
 
 EVAL_WIDTHS = ((1e-4, 1e-4), (1e-2, 1e-2), (0.15, 0.15), (2.0, 2.0), (1.0, 1e-3))

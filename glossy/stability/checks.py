@@ -35,6 +35,7 @@ EVAL_DOUBLE = 1e-9  # of f, relative
 EVAL_NEAR = (
     1e-5  # the same beside the peak: directions hold 2e-16, the lobe is m (wo.n) = 1e-10 wide
 )
+REFLECTIVITY = {"r0 = 1": 5e-3, "r0 = 0.04": 1e-2}  # of the lattice's table, relative
 LOOKUP_SINGLE = 1e-6  # of the largest texel, times N: the place in the face rounds to 6e-8 N texels
 
 
@@ -118,7 +119,7 @@ def check_shade(case: ShadeCase) -> Result:
         "not negative": all(bool((v >= 0.0).all()) for v in all_),
     }
     if case.lobe.alpha == 0.0:
-        weights = 2.0  # of a mean, see ``thesis``
+        weights = 1.0 if case.method == "lattice" else 2.0  # a mean times R; see ``thesis``
         if case.method in TABLES:
             weights = float(TABLES[case.method](case.material, pyramid, **options).taps[:, 3].sum())
         weights *= float(np.max(case.lobe.ks))
@@ -126,6 +127,26 @@ def check_shade(case: ShadeCase) -> Result:
         most = weights * float(np.max(pyramid.levels[0])) * (1.0 + ROUNDED)
         facts["energy"] = largest <= most
     return judge(case.group, case.name, measured, limits, facts)
+
+
+def check_reflectivity() -> Iterator[Result]:
+    """The lattice in a white map against the albedo: what reading its table costs."""
+    white = _pyramid("1", 1)
+    z = np.repeat([1.0, 0.98, 0.1, 1e-3], cases.AZIMUTHS)
+    phi = np.tile(np.arctan(10.0 ** np.linspace(-3.0, 3.0, cases.AZIMUTHS)), 4)  # towards both axes
+    s = np.sqrt((1.0 - z) * (1.0 + z))
+    local = np.stack([s * np.cos(phi), s * np.sin(phi), z], axis=-1)
+    normal, tangent = (np.broadcast_to(axis, local.shape) for axis in np.eye(3)[[2, 0]])
+    points = SurfacePoints(normal, tangent, local)
+    for lobe in cases.LATTICE_LOBES:
+        material = Material(reflection=[dataclasses.replace(lobe, r0=(1.0, 1.0, 0.04))])
+        value = shade(points, material, white, "lattice", "double", samples=1)
+        albedo = material.albedo(local)[0]
+        measured = {"r0 = 1": deviation(value[:, 0], albedo[:, 0]),
+                    "r0 = 0.04": deviation(value[:, 2], albedo[:, 2])}  # fmt: skip
+        m = lobe.widths
+        name = f"m = {m[0]:g} {m[1]:g}, alpha = {lobe.alpha:g}"
+        yield judge("lattice's reflectivity", name, measured, REFLECTIVITY)
 
 
 def check_eval() -> Iterator[Result]:
@@ -299,7 +320,7 @@ def refusals() -> Iterator[Result]:
 def run(progress: Callable[[Any], Any] = iter) -> tuple[list[Result], list[dict[str, Any]]]:
     """Everything: results in the order of the catalogue, and the furnace table."""
     results = [check_shade(case) for case in progress(cases.SHADE)]
-    for part in (check_eval, check_lookup, check_truth, refusals):
+    for part in (check_reflectivity, check_eval, check_lookup, check_truth, refusals):
         results += list(part())
     results.append(check_large(LARGE))
     rows = furnace()

@@ -105,7 +105,7 @@ def shade(
     material: Material,
     pyramid: Pyramid,
     method: str = "regular",
-    samples: int = 20,
+    samples: int | None = None,
     threshold: float | None = None,
     footprint: str | None = None,
     bias: float = 0.0,
@@ -114,9 +114,12 @@ def shade(
 ) -> Float64Array:
     """``glossy.shade`` for points (P,) and lobes of scalar ks and r0, (P, 3) float64.
 
-    A threshold or footprint of None is the method's own.
+    Samples, threshold or footprint of None are the method's own.
     """
+    from . import lattice_twin
+
     variant = estimator if method == "thesis" else normalisation
+    count = samples or (14 if method == "lattice" else 20)
     xi = threshold or (0.01 if method == "thesis" else 0.1)
     model = footprint or {"regular": "paper", "thesis": "thesis"}.get(method, "jacobian")
     normal, tangent, view = (extended(a) for a in (points.normal, points.tangent, points.view))
@@ -124,8 +127,13 @@ def shade(
     wo = np.stack([(view * a).sum(axis=-1) for a in (tangent, bitangent, normal)], axis=-1)
     total = np.zeros((*points.shape, 3), dtype=np.longdouble)
     for lobe, side in material.sided_lobes():
+        if method == "lattice":
+            total += lattice_twin.shade_lobe(
+                wo, (tangent, bitangent, normal), lobe, side, pyramid, count, bias
+            )
+            continue
         total += _lobe(wo, (tangent, bitangent, normal), lobe, side, pyramid, method, variant,
-                       samples, xi, model, bias)  # fmt: skip
+                       count, xi, model, bias)  # fmt: skip
     return np.asarray(total, dtype=np.float64)
 
 
