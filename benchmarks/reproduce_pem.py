@@ -32,13 +32,13 @@ EXPONENTS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0)
 MiB = 2.0**20
 
 
-def filters(size: int) -> list[list[object]]:
+def filters(size: int, exponents: tuple[float, ...]) -> list[list[object]]:
     """Error of each filter in % of the lobe's volume: next to a face's centre / mean of places."""
     rows: list[list[object]] = []
     centre = [[4, size // 2, size // 2]]
     for name in FILTERS:
-        near = lobe_error(name, size, EXPONENTS, centre)[:, 0]
-        mean = lobe_error(name, size, EXPONENTS).mean(axis=1)
+        near = lobe_error(name, size, exponents, centre)[:, 0]
+        mean = lobe_error(name, size, exponents).mean(axis=1)
         cells = [
             "–" if np.isnan(a) else f"{100 * a:.0f} / {100 * b:.0f}"
             for a, b in zip(near, mean, strict=True)
@@ -47,7 +47,7 @@ def filters(size: int) -> list[list[object]]:
     return rows
 
 
-def plot(path: str, size: int) -> None:
+def plot(path: str, size: int, count: int) -> None:
     """Fig. 5: error over the exponent, a white texel next to the centre of a face."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -55,7 +55,7 @@ def plot(path: str, size: int) -> None:
     figure = Figure(figsize=(7.0, 3.6), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    s = np.geomspace(1.0, 400.0, 161)
+    s = np.geomspace(1.0, 400.0, count)
     for name, colour in zip(FILTERS, COLOURS, strict=True):
         error = lobe_error(name, size, s, [[4, size // 2, size // 2]])[:, 0]
         style = ":" if name == "box" else "-"
@@ -154,9 +154,11 @@ def main() -> None:
     quick = args.quick
     size = 32 if quick else 128
     print(f"\nError in % of the lobe's volume, N = {size}: next to the face's centre / mean\n")
-    print(common.table(["filter", *(f"s = {s:g}" for s in EXPONENTS)], filters(size)))
+    exponents = EXPONENTS[::4] if quick else EXPONENTS
+    header = ["filter", *(f"s = {s:g}" for s in exponents)]
+    print(common.table(header, filters(size, exponents)))
     if args.plot:
-        plot(args.plot, size)
+        plot(args.plot, size, 11 if quick else 161)
     widths, angles = ((0.3,), (0,)) if quick else ((0.05, 0.15, 0.3, 0.5), (0, 20, 40, 60, 80))
     print("\nRelative RMS error: model, then filter / total of each footprint\n")
     header = ["map", "m", "s", "view", "model", *FOOTPRINTS]

@@ -85,6 +85,14 @@ def test_prefiltered_lobes_print_and_plot(tmp_path: pathlib.Path) -> None:
     assert rows[1]["minimum"] < rows[0]["minimum"]
 
 
+def test_partial_maps_print_and_plot(tmp_path: pathlib.Path) -> None:
+    place = tmp_path / "filters.png"
+    printed = run("reproduce_pem", "--quick", "--plot", str(place))
+    assert "Relative RMS error" in printed
+    assert "pem5:sqrtcos" in printed
+    assert place.read_bytes()[1:4] == b"PNG"
+
+
 @pytest.fixture(name="common")
 def _common(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.syspath_prepend(str(FOLDER))
