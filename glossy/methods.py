@@ -70,6 +70,10 @@ VIEWED_PASSES = {"planar": "glossy.planar.objects:refine_reflector"}
 """What refines them while the camera rests: states with ``radiance``, ``error`` and ``samples`` of
 ``(prepared, part, most, seed, **their own options)``, as many as ``reference_passes`` has."""
 
+SHADOWS: dict[str, str] = {"pem": "glossy.pem.occlusion:self_shadows"}
+"""What makes an object's shadows on itself, ``(shape, transform, prepared, **options)``: None, or
+what has the method's option ``visibility`` for surface points."""
+
 
 def _load(place: str) -> Callable[..., Any]:
     module, _, function = place.partition(":")
@@ -113,6 +117,25 @@ def prepare(name: str, cube: Any, material: Any, **options: Any) -> Any:
 def with_planes(name: str) -> Callable[..., Any]:
     """What shades a method of ``PLANES`` with bounding planes."""
     return _load(PLANES[name])
+
+
+def shadows(name: str, shape: Any, transform: Any, prepared: Any, **options: Any) -> Any:
+    """Shadows of an object on itself for a method of ``SHADOWS``."""
+    return _load(SHADOWS[name])(shape, transform, prepared, **options)
+
+
+def check_shadows(name: str, given: object) -> None:
+    """Refuse a scene's ``shadows`` for a method: a switch, or a table of options."""
+    if name not in SHADOWS:
+        raise _check.fail("shadows", f"must be left out with method {name!r}", given)
+    if isinstance(given, bool):
+        return
+    if not isinstance(given, Mapping):
+        raise _check.fail("shadows", "must be true, false or a table of options", given)
+    parameters = inspect.signature(_load(SHADOWS[name])).parameters.values()
+    known = [p.name for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY]
+    for option in given:
+        _check.choice("shadows", option, known)
 
 
 def tracer(name: str) -> Callable[..., Any]:

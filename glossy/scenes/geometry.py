@@ -17,6 +17,7 @@ from . import intersect
 from .mesh import TriangleMesh
 from .shapes import (
     RECTANGLE,
+    TORUS,
     Mesh,
     Shape,
     Torus,
@@ -131,6 +132,11 @@ class Geometry:
         """Whether an object has an inside: sphere, box, torus, and a watertight mesh."""
         mesh = self.meshes.get(index)
         return mesh.closed if mesh is not None else bool(self.kinds[index] != RECTANGLE)
+
+    def convex(self, index: int) -> bool:
+        """Whether no ray that leaves an object outwards can meet it again."""
+        mesh = self.meshes.get(index)
+        return mesh.convex if mesh is not None else bool(self.kinds[index] != TORUS)
 
     def _rays(
         self, origins: npt.ArrayLike, directions: npt.ArrayLike

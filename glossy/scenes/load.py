@@ -126,7 +126,10 @@ def _method(where: str, table: Table, default: str) -> None:
     def check() -> None:
         _check.choice("name", name, (*methods.METHODS, *methods.VIEWED))
         kept = ("name", "samples", "precision", *methods.preparation_options(name))
-        methods.check_options(name, {k: v for k, v in table.items() if k not in kept})
+        own = {k: v for k, v in table.items() if k not in kept}
+        if "shadows" in own:
+            methods.check_shadows(name, own.pop("shadows"))
+        methods.check_options(name, own)
         if "samples" in table:
             _check.count("samples", table["samples"])
 

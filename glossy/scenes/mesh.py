@@ -22,6 +22,8 @@ Int64Array = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 MAX_TRIANGLES = 20_000_000
+FLATNESS = 1e-6  # of the extent: how far off a plane counts as on it
+BAND = 64  # triangles looked at together
 
 
 def _library(name: str) -> Any:
@@ -65,6 +67,21 @@ class TriangleMesh:
     def bounds(self) -> Float64Array:
         """(2, 3) lowest and highest coordinates."""
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+    @functools.cached_property
+    def convex(self) -> bool:
+        """Closed, or flat, and all on one side of every triangle's plane."""
+        slack = FLATNESS * float(np.ptp(self.bounds, axis=0).max())
+        length = np.linalg.norm(self.face, axis=1)
+        rows = np.flatnonzero(length > 0.0)
+        for start in range(0, len(rows), BAND):
+            part = rows[start : start + BAND]
+            axis = self.face[part] / length[part, None]
+            away = self.vertices @ axis.T - dot(self.corner[part], axis)
+            high, low = away.max(axis=0) > slack, away.min(axis=0) < -slack
+            if np.any(high & low) or not (self.closed or not np.any(high | low)):
+                return False
+        return True
 
     @functools.cached_property
     def _run(self) -> Callable[..., Any]:

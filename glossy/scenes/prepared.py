@@ -12,6 +12,7 @@ import pathlib
 import tempfile
 import time
 import zipfile
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -82,6 +83,7 @@ class PreparedScene:
         self._cache, self._update = cache, update
         self._cubes: dict[int, CubeMap] = {}
         self._lookups: dict[tuple[int, str], Any] = {}
+        self._shadows: dict[tuple[int, str], Any] = {}
         self._irradiance: dict[int, CubeMap] = {}
         start = time.perf_counter()
         self.sky = self._sky()
@@ -174,8 +176,9 @@ class PreparedScene:
                 _store(path, {"faces": cube.faces})
         self.cached["capture"] = self.cached.get("capture", True) and stored is not None
         self._cubes[index] = cube
-        for key in [k for k in self._lookups if k[0] == index]:
-            del self._lookups[key]
+        for kept in (self._lookups, self._shadows):
+            for key in [k for k in kept if k[0] == index]:
+                del kept[key]
         self._irradiance.pop(index, None)
         self._book("capture", start)
         return cube
@@ -198,6 +201,30 @@ class PreparedScene:
             self._lookups[key] = methods.prepare(method, cube, material, **options)
             self._book("prepare", start)
         return self._lookups[key]
+
+    def shadows(
+        self,
+        index: int,
+        method: str,
+        preparation: Mapping[str, Any],
+        options: bool | Mapping[str, Any],
+    ) -> Any:
+        """Shadows of an object on itself, made once; None if it has none or they are switched off.
+
+        ``preparation``: options of ``lookup``; ``options``: the scene's ``shadows``.
+        """
+        if options is False or method not in methods.SHADOWS:
+            return None
+        own = {} if options is True else dict(options)
+        key = (index, repr((method, sorted(preparation.items()), sorted(own.items()))))
+        if key not in self._shadows:
+            lookup, item = self.lookup(index, method, **preparation), self.scene.objects[index]
+            start = time.perf_counter()
+            made = methods.shadows(method, item.shape, item.transform, lookup, **own)
+            self._shadows[key] = made
+            if made is not None:
+                self._book("shadows", start)
+        return self._shadows[key]
 
 
 def prepare(

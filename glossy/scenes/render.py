@@ -191,12 +191,18 @@ def _shaded(prepared: PreparedScene, part: Part) -> Shaded:
     if name in methods.VIEWED:
         found: Shaded = methods.viewed(name)(prepared, part, **options)
         return found
+    cast = options.pop("shadows", True)
     preparation, own = split_options(name, options)
     lookup = prepared.lookup(part.index, name, **preparation)
     planes = bounding_planes(prepared, part.index)
+    shadows = prepared.shadows(part.index, name, preparation, cast)
     start = time.perf_counter()
+    made = {}
+    if shadows is not None:
+        own["visibility"] = shadows.visibility(part.points)
+        made["shadow_maps"] = len(shadows)
     radiance = shade(part.points, part.material, lookup, method=name, parallax=planes, **own)
-    return Shaded(radiance, {"shade": time.perf_counter() - start}, {})
+    return Shaded(radiance, {"shade": time.perf_counter() - start}, made)
 
 
 def shade_part(prepared: PreparedScene, part: Part) -> FloatArray:
