@@ -152,14 +152,17 @@ def visibility_twin(maps: ShadowMaps, points: SurfacePoints) -> Array:
         p = np.where(away <= 0.0, 1.0, var / (var + away**2))
         lit = np.maximum(p - maps.bleeding, 0.0) / (1.0 - maps.bleeding)
         h = np.clip(np.arcsin(np.clip(cosine, -1.0, 1.0)) / maps.angles[r], -1.0, 1.0)
-        out[:, r] = lit * (0.5 + (h * np.sqrt(1.0 - h**2) + np.arcsin(h)) / math.pi)
+        above = 0.5 + (h * np.sqrt(1.0 - h**2) + np.arcsin(h)) / math.pi
+        out[:, r] = lit * above if maps.horizon else lit
     return out
 
 
-def test_visibility_against_its_twin_for_any_threads() -> None:
+@pytest.mark.parametrize("horizon", [False, True])
+def test_visibility_against_its_twin_for_any_threads(horizon: bool) -> None:
     geometry = scene()
     lights = normalise(np.random.default_rng(5).normal(size=(7, 3)))
-    maps = shadow_maps(geometry, lights, np.geomspace(0.01, 2.0, 7), size=64)
+    own = (lights, np.geomspace(0.01, 2.0, 7), 64)
+    maps = shadow_maps(geometry, *own, horizon=horizon)
     points = seen_from(geometry, 300)
     found = maps.visibility(points)
     np.testing.assert_allclose(found, visibility_twin(maps, points), atol=tolerances.SINGLE)
@@ -167,7 +170,7 @@ def test_visibility_against_its_twin_for_any_threads() -> None:
     before = numba.get_num_threads()
     try:
         numba.set_num_threads(1)
-        again = shadow_maps(geometry, lights, np.geomspace(0.01, 2.0, 7), size=64)
+        again = shadow_maps(geometry, *own, horizon=horizon)
         np.testing.assert_array_equal(again.visibility(points), found)
     finally:
         numba.set_num_threads(before)
@@ -212,13 +215,14 @@ def test_bleeding_between_two_blockers_is_cut_off() -> None:
 
 @pytest.mark.parametrize("tilt", [0.0, 40.0, 75.0])
 def test_a_lone_plane_does_not_shadow_itself(tilt: float) -> None:
-    """However it is tilted, blurred and biased: what is hidden is below the horizon."""
+    """However steep the light and wide the blur: what is hidden is below the horizon."""
     turn = math.radians(tilt)
     light = np.array([math.sin(turn), math.cos(turn), 0.0])
     geometry = Geometry([(Rectangle((2.0, 2.0)), Transform(rotation=FLAT))])
     x = np.random.default_rng(6).uniform(-0.9, 0.9, (50, 3)) * [1.0, 0.0, 1.0]
     for softness in (0.0, 0.07, 0.5):
-        maps = shadow_maps(geometry, [light, -light], [0.05, 0.05], 64, softness=softness)
+        lights = ([light, -light], [0.05, 0.05], 64)
+        maps = shadow_maps(geometry, *lights, softness=softness, horizon=True)
         found = maps.visibility(ground(x))
         np.testing.assert_allclose(found[:, 0], 1.0, atol=1e-3)
         assert not found[:, 1].any()
@@ -226,7 +230,7 @@ def test_a_lone_plane_does_not_shadow_itself(tilt: float) -> None:
 
 def test_the_horizon_halves_a_light_on_it() -> None:
     geometry = Geometry([(Sphere(0.1), Transform((5.0, 5.0, 5.0)))])
-    maps = shadow_maps(geometry, [[1.0, 0.0, 0.0]], [0.3], 16)
+    maps = shadow_maps(geometry, [[1.0, 0.0, 0.0]], [0.3], 16, horizon=True)
     assert maps.visibility(ground(np.zeros((1, 3))))[0, 0] == pytest.approx(0.5)
 
 
@@ -247,11 +251,13 @@ def test_close_to_the_rays_over_the_regions() -> None:
     truth = region_visibility(points, geometry, cut, samples=64)
     assert np.sqrt(np.mean(truth.error**2)) < 0.02
     soft, hard = (
-        shadow_maps(geometry, cut.direction, cut.solid_angle, softness=s).visibility(points)
+        shadow_maps(geometry, cut.direction, cut.solid_angle, softness=s, horizon=True).visibility(
+            points
+        )
         for s in (0.07, 0.0)
     )
     nothing = Geometry([(Sphere(0.1), Transform((0.0, -9.0, 0.0)))])
-    bare = shadow_maps(nothing, cut.direction, cut.solid_angle, 16).visibility(points)
+    bare = shadow_maps(nothing, cut.direction, cut.solid_angle, 16, horizon=True).visibility(points)
     errors = [float(np.sqrt(np.mean((v - truth.share) ** 2))) for v in (soft, hard, bare)]
     assert errors[0] < 0.12
     assert errors[0] < 0.95 * errors[1]
@@ -310,6 +316,7 @@ def test_masked_points_see_nothing_and_shapes_are_kept() -> None:
         ({"softness": -0.1}, "softness: must be in"),
         ({"variance": 0.0}, "variance: must be in"),
         ({"bleeding": 1.0}, "bleeding: must be in"),
+        ({"horizon": 1}, "horizon: must be true or false"),
         ({"storage": "r8"}, "storage: must be one of rg32f, rg16f"),
     ],
 )

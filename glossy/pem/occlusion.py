@@ -29,6 +29,7 @@ def self_shadows(
     variance: float = 1e-5,
     bleeding: float = 0.1,
     storage: str = "rg32f",
+    horizon: bool = False,
 ) -> ShadowMaps | None:
     """Shadow maps of one object, one for each region of ``maps``; None if it is convex.
 
@@ -37,7 +38,15 @@ def self_shadows(
     alone = self_occluder(shape, transform)
     if alone is None:
         return None
-    cut = maps.regions
     return shadow_maps(
-        alone, cut.direction, cut.solid_angle, size, softness, bias, variance, bleeding, storage
+        alone,
+        maps.regions.direction,
+        maps.regions.solid_angle,
+        size=size,
+        softness=softness,
+        bias=bias,
+        variance=variance,
+        bleeding=bleeding,
+        storage=storage,
+        horizon=horizon,
     )

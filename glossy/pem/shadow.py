@@ -24,6 +24,9 @@ hidden by the receiver itself; with e the elevation of its centre, h = clamp(e /
 
     horizon = 1/2 + (h sqrt(1 - h^2) + asin h) / pi,    visibility = lit horizon           (6)
 
+on request: visibility is then what rays over the region find, but a lobe whose reflectivity
+already ends at the horizon loses that part twice.
+
 Sources: Donnelly and Lauritzen 2006 (3); Lauritzen, GPU Gems 3, chapter 8 (4), (5); Knuth et al.
 3.3 for the blur by the region's area, of which they give no constant. (2) and (6) are ours.
 """
@@ -139,6 +142,7 @@ def _visibility(
     bias: Scalar,
     least: Scalar,
     bleeding: Scalar,
+    horizon: bool,
     out: Float32Array,
 ) -> None:
     # (K, 3) in units of the light space, (K, 3), (R, 3, 3), (R,), (R, 2, S, S), ..., (K, R)
@@ -149,7 +153,7 @@ def _visibility(
         for r in range(frames.shape[0]):
             f = frames[r]
             cosine = f[2, 0] * normals[k, 0] + f[2, 1] * normals[k, 1] + f[2, 2] * normals[k, 2]
-            share = k_horizon(cosine, thetas[r])
+            share = k_horizon(cosine, thetas[r]) if horizon else 1.0
             if share <= 0.0:
                 out[k, r] = 0.0
                 continue
@@ -178,7 +182,8 @@ class ShadowMaps:
     """Blurred moments of the depths that distant lights see.
 
     Made by ``shadow_maps``. ``space``: coordinates; ``angles`` (R,): theta of eq. (2); ``moments``
-    (R, 2, S, S); ``softness``, ``bias``, ``variance``, ``bleeding``, ``storage`` as given.
+    (R, 2, S, S); ``softness``, ``bias``, ``variance``, ``bleeding``, ``storage``, ``horizon`` as
+    given.
     """
 
     space: LightSpace
@@ -189,6 +194,7 @@ class ShadowMaps:
     variance: float
     bleeding: float
     storage: str
+    horizon: bool
 
     def __len__(self) -> int:
         return len(self.angles)
@@ -204,7 +210,7 @@ class ShadowMaps:
         return len(self) * self.size**2 * STORAGE[self.storage]
 
     def visibility(self, points: SurfacePoints) -> Float32Array:
-        """Visibility (..., R) of every light from the points, eq. (6); 0 where masked.
+        """Visibility (..., R) of every light from the points, eq. (5) or (6); 0 where masked.
 
         Raises
         ------
@@ -224,6 +230,7 @@ class ShadowMaps:
             self.bias,
             self.variance,
             self.bleeding,
+            self.horizon,
             part,
         )
         if points.mask is None:
@@ -257,6 +264,7 @@ def shadow_maps(
     variance: float = 1e-5,
     bleeding: float = 0.1,
     storage: str = "rg32f",
+    horizon: bool = False,
 ) -> ShadowMaps:
     """Variance shadow maps of lights infinitely far away, softened by the lights' size.
 
@@ -281,6 +289,8 @@ def shadow_maps(
     storage : "rg32f" or "rg16f"
         Floats, or half floats: the moments are rounded when they are drawn and after each pass of
         the blur.
+    horizon : bool
+        Multiply by eq. (6), the share of the light above the receiver's horizon.
 
     Raises
     ------
@@ -294,6 +304,8 @@ def shadow_maps(
     least = _check.positive("variance", variance)
     tail = _check.in_range("bleeding", bleeding, 0.0, 1.0, open_high=True)
     _check.choice("storage", storage, STORAGE)
+    if not isinstance(horizon, bool):
+        raise _check.fail("horizon", "must be true or false", horizon)
     space = light_space(geometry, directions)
     theta = disc_angles(solid_angles)
     if len(theta) != len(space.frames):
@@ -304,4 +316,4 @@ def shadow_maps(
         at = slice(first, first + LIGHTS)
         part = dataclasses.replace(space, frames=space.frames[at])
         moments[at] = blurred_moments(depth_maps(geometry, part, n), sigma[at], storage)
-    return ShadowMaps(space, theta, moments, soft, move, least, tail, storage)
+    return ShadowMaps(space, theta, moments, soft, move, least, tail, storage, horizon)
