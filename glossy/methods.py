@@ -71,8 +71,8 @@ VIEWED_PASSES = {"planar": "glossy.planar.objects:refine_reflector"}
 ``(prepared, part, most, seed, **their own options)``, as many as ``reference_passes`` has."""
 
 SHADOWS: dict[str, str] = {"pem": "glossy.pem.occlusion:self_shadows"}
-"""What makes an object's shadows on itself, ``(shape, transform, prepared, **options)``: None, or
-what has the method's option ``visibility`` for surface points."""
+"""What makes the shadows of an object on itself, ``(geometry, prepared, **options)``; its
+``visibility(points)`` is the method's option of that name."""
 
 
 def _load(place: str) -> Callable[..., Any]:
@@ -119,9 +119,9 @@ def with_planes(name: str) -> Callable[..., Any]:
     return _load(PLANES[name])
 
 
-def shadows(name: str, shape: Any, transform: Any, prepared: Any, **options: Any) -> Any:
-    """Shadows of an object on itself for a method of ``SHADOWS``."""
-    return _load(SHADOWS[name])(shape, transform, prepared, **options)
+def shadows(name: str, geometry: Any, prepared: Any, **options: Any) -> Any:
+    """Shadows of an object, alone in ``geometry``, on itself for a method of ``SHADOWS``."""
+    return _load(SHADOWS[name])(geometry, prepared, **options)
 
 
 def check_shadows(name: str, given: object) -> None:

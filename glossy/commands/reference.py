@@ -14,6 +14,7 @@ examples:
   glossy reference --env spots --material mx=.15 -o truth.exr
   glossy reference --env room.hdr --size 256 --tolerance 1e-4 -o truth.exr
   glossy reference room --supersampling 1 --estimator qmc --samples 1024 -o truth.exr
+  glossy reference teapot.toml --supersampling 1 --occlusion --samples 1024 -o truth.exr
   glossy reference --env studio --material paint.bsdf --samples 512 -o truth.exr
   glossy reference scene.toml --estimator qmc --samples 4096 --seed 1 -o truth.exr --json
 
@@ -48,6 +49,11 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     group.add_argument("--tolerance", type=float, metavar="X", help="relative error to reach")
     group.add_argument("--samples", type=int, metavar="N", help="samples per pixel (mc, qmc)")
     group.add_argument("--seed", type=int, default=0, help="of the random numbers (default 0)")
+    group.add_argument(
+        "--occlusion",
+        action="store_true",
+        help="objects of a scene that are not convex shadow themselves, by rays",
+    )
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help=".exr, .hdr or .png")
     options.add_json_argument(parser)
     parser.set_defaults(run=run)
@@ -68,8 +74,12 @@ def run(args: argparse.Namespace) -> int:
         from ..scenes.render import reference_objects
 
         progress, update = options.bar(), bool(args.update)
-        rendering = reference_objects(objects, estimator, progress, update, **wanted)
+        rendering = reference_objects(
+            objects, estimator or "texels", progress, update, bool(args.occlusion), **wanted
+        )
     else:
+        if args.occlusion:
+            raise ValueError("--occlusion: has a meaning for a scene of objects only")
         scene = options.scene_from(args)
         rendering = render_reference(scene, estimator=estimator, **wanted)
     exposed = {}

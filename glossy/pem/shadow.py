@@ -259,10 +259,10 @@ def shadow_maps(
     directions: npt.ArrayLike,
     solid_angles: npt.ArrayLike,
     size: int = 256,
-    softness: float = 0.07,
+    softness: float = 0.04,
     bias: float = 0.002,
     variance: float = 1e-5,
-    bleeding: float = 0.1,
+    bleeding: float = 0.2,
     storage: str = "rg32f",
     horizon: bool = False,
 ) -> ShadowMaps:

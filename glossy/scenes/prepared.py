@@ -84,6 +84,7 @@ class PreparedScene:
         self._cubes: dict[int, CubeMap] = {}
         self._lookups: dict[tuple[int, str], Any] = {}
         self._shadows: dict[tuple[int, str], Any] = {}
+        self._alone: dict[int, Geometry] = {}
         self._irradiance: dict[int, CubeMap] = {}
         start = time.perf_counter()
         self.sky = self._sky()
@@ -202,6 +203,18 @@ class PreparedScene:
             self._book("prepare", start)
         return self._lookups[key]
 
+    def self_occluder(self, index: int) -> Geometry | None:
+        """An object alone, which may be in the way of its own light; None if it is convex.
+
+        Its cube map holds the other objects as light: what they hide is not in it.
+        """
+        if self.geometry.convex(index):
+            return None
+        if index not in self._alone:
+            item = self.scene.objects[index]
+            self._alone[index] = Geometry([(item.shape, item.transform)])
+        return self._alone[index]
+
     def shadows(
         self,
         index: int,
@@ -209,21 +222,22 @@ class PreparedScene:
         preparation: Mapping[str, Any],
         options: bool | Mapping[str, Any],
     ) -> Any:
-        """Shadows of an object on itself, made once; None if it has none or they are switched off.
+        """Shadows of an object on itself, made once; None if it is convex or has them off.
 
         ``preparation``: options of ``lookup``; ``options``: the scene's ``shadows``.
         """
         if options is False or method not in methods.SHADOWS:
             return None
+        alone = self.self_occluder(index)
+        if alone is None:
+            return None
         own = {} if options is True else dict(options)
         key = (index, repr((method, sorted(preparation.items()), sorted(own.items()))))
         if key not in self._shadows:
-            lookup, item = self.lookup(index, method, **preparation), self.scene.objects[index]
+            lookup = self.lookup(index, method, **preparation)
             start = time.perf_counter()
-            made = methods.shadows(method, item.shape, item.transform, lookup, **own)
-            self._shadows[key] = made
-            if made is not None:
-                self._book("shadows", start)
+            self._shadows[key] = methods.shadows(method, alone, lookup, **own)
+            self._book("shadows", start)
         return self._shadows[key]
 
 

@@ -316,7 +316,7 @@ def render_objects(
 
 
 def _truth(
-    prepared: PreparedScene, part: Part, estimator: str, given: Mapping[str, Any]
+    prepared: PreparedScene, part: Part, estimator: str, occlusion: bool, given: Mapping[str, Any]
 ) -> "Truth":
     """The truth of a part's lobes: rays where the method has them, else over the cube map."""
     from ..reference import reference
@@ -326,6 +326,12 @@ def _truth(
         own = methods.viewed(name, methods.VIEWED_TRUTHS)
         found: Truth = own(prepared, part, estimator=estimator, **given)
         return found
+    alone = prepared.self_occluder(part.index) if occlusion else None
+    if alone is not None:
+        from ..pem.truth import reference_occluded
+
+        cube = prepared.cube_map(part.index)
+        return reference_occluded(part.points, part.material, cube, alone, estimator, **given)
     return reference(
         part.points,
         part.material,
@@ -342,6 +348,7 @@ def reference_objects(
     estimator: str = "texels",
     progress: Progress | None = None,
     update: bool = False,
+    occlusion: bool = False,
     **options: Any,
 ) -> ObjectTruth:
     """The ground truth of the same picture: the lobes integrated over the captured cube maps.
@@ -349,6 +356,8 @@ def reference_objects(
     Those of planar reflectors are integrated by casting rays (``planar.reference_planar``).
     ``options`` are those of ``reference``, the others as for ``render_objects``. With bounding
     planes or planar reflectors light depends on the place, and "qmc" stands for "texels".
+    ``occlusion``: objects that are not convex stand in the way of their own light, by rays
+    (``pem.reference_occluded``); "qmc" then as well.
 
     Raises
     ------
@@ -357,7 +366,9 @@ def reference_objects(
     """
     plan = scene.scene if isinstance(scene, PreparedScene) else scene
     placed = any(o.glossy and plan.method_of(o)[0] in methods.VIEWED for o in plan.objects)
-    if estimator == "texels" and (plan.planes or placed):
+    if occlusion and plan.planes:
+        raise _check.fail("occlusion", "must be false in a scene with [[planes]]", occlusion)
+    if estimator == "texels" and (plan.planes or placed or occlusion):
         estimator = "qmc"
     start = time.perf_counter()
     prepared = scene if isinstance(scene, PreparedScene) else prepare(scene, True, update, progress)
@@ -366,7 +377,7 @@ def reference_objects(
     lobes, errors, objects = [], [], []
     kind = "bound" if estimator == "texels" else "standard"
     for part in seen.parts:
-        truth = _truth(prepared, part, estimator, given)
+        truth = _truth(prepared, part, estimator, occlusion, given)
         lobes.append(truth.radiance)
         errors.append(truth.error)
         kind = truth.error_kind
