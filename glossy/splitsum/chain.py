@@ -51,7 +51,7 @@ Int64Array = npt.NDArray[np.int64]
 
 
 @kernel
-def _face_axes(face: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+def k_face_axes(face: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """A direction along a face's columns, rows and axis."""
     if face == 0:
         return -z, -y, x
@@ -82,8 +82,8 @@ def _span(across: float, axis: float, sine: float, n: int) -> tuple[int, int]:
 
 
 @kernel
-def _from_axes(face: int, s: float, t: float, axis: float) -> tuple[float, float, float]:
-    """The direction that ``_face_axes`` takes apart."""
+def k_from_axes(face: int, s: float, t: float, axis: float) -> tuple[float, float, float]:
+    """The direction that ``k_face_axes`` takes apart."""
     if face == 0:
         return axis, -t, -s
     if face == 1:
@@ -116,10 +116,10 @@ def _prefilter(
         sine = math.sqrt(1.0 - least * least) if least > 0.0 else 1.0
         length = scale[row, col]
         s, t = (2.0 * col + 1.0) / n - 1.0, (2.0 * row + 1.0) / n - 1.0
-        x, y, z = _from_axes(face, s * length, t * length, length)
+        x, y, z = k_from_axes(face, s * length, t * length, length)
         red = green = blue = total = 0.0
         for other in range(6):
-            rs, rt, ra = _face_axes(other, x, y, z)
+            rs, rt, ra = k_face_axes(other, x, y, z)
             left, right = _span(rs, ra, sine, n)
             top, bottom = _span(rt, ra, sine, n)
             step, start = 2.0 * rs / n, rs * (1.0 / n - 1.0) + ra
