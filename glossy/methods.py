@@ -25,13 +25,16 @@ METHODS = {
     "bent": "glossy.splitsum.shade:bent",
     "axis-taps": "glossy.splitsum.shade:axis_taps",
     "lattice": "glossy.lattice.shade:lattice",
+    "prefiltered": "glossy.prefiltered.shade:prefiltered",
     "pem": "glossy.pem.shade:pem",
     "auto": "glossy.planning.auto:auto",
 }
 
 PYRAMID = "glossy.pyramid:build_pyramid"
-PREPARE = dict.fromkeys(("split-sum", "bent", "axis-taps"), "glossy.splitsum.shade:prepare") | {
-    "pem": "glossy.pem.maps:partial_maps"
+PREPARE = {
+    **dict.fromkeys(("split-sum", "bent", "axis-taps"), "glossy.splitsum.shade:prepare"),
+    "prefiltered": "glossy.prefiltered.shade:prepare",
+    "pem": "glossy.pem.maps:partial_maps",
 }
 """What a method looks up, where that is not a MIP pyramid."""
 

@@ -92,3 +92,15 @@ ROOM_MAP = 5e-3
 
 THESIS_TRANSMISSION = 0.15
 """The thesis's estimators renormalise over the samples above the horizon: no limit is the truth."""
+
+PREFILTER_MIDPOINT = 1e-3
+"""Nodes one to a texel against 20 midpoints: 4e-4 for a cone, which has a tip; 1e-4 if smooth."""
+
+PREFILTER_PARTS = 1e-3
+"""What four times the nodes change, worst for the cut tail of a lobe a fiftieth of a texel wide."""
+
+PREFILTER_NARROW = 2e-3
+"""A lobe of a hundredth of a texel at the kinks of the bilinear lookup; 1e-3 in all."""
+
+PREFILTER_WHITE = 2e-5
+"""A constant through harmonics and back: interpolation of degree five, three points a degree."""

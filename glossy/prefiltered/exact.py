@@ -5,19 +5,19 @@ axis r ::
 
     I(r) = int p(angle(r, l)) L(l) dl                                                       (1)
 
-On every piece between texel centres (and on the half pieces at a face's edges) L is a polynomial, so
+On every piece between texel centres (and on the half pieces at a face's edges) L is a polynomial;
 each piece is divided into g x g parts with 2 x 2 Gauss-Legendre nodes (s_i, t_j) each: exact to the
 third degree, the kinks of L at the texels' centres included. With J = (1 + s^2 + t^2)^(-3/2) ::
 
     I(r) = P S(L)/S(1),   S(L) = sum_ij w_i w_j J_ij p(a_ij) L(s_i, t_j),   P = int p dl    (2)
 
-The quotient makes a constant map exact. Parts are at most ``PARTS`` times as wide as the least angle
-over which p changes by half of its maximum, so that a lobe narrower than a texel meets nodes as
-densely as a wide one ::
+The quotient makes a constant map exact. Parts are at most as wide as the least angle over which p
+changes by half of its maximum, or (profiles with steps) an eighth of the angle that holds half of
+its volume, so that a lobe narrower than a texel meets nodes as densely as a wide one ::
 
-    g = ceil(h / (PARTS width)) <= FINEST,   h = 2/N, a texel's width in the middle of a face (3)
+    g = ceil(h / width) <= FINEST,   h = 2/N, a texel's width in the middle of a face       (3)
 
-A profile with a step has no such angle; it gets ``FINEST``. The kernel looks p up in a table even in
+The kernel looks p up in a table even in
 the chord |r - l|, ``TABLE`` steps from 0 to the profile's end.
 
 Source of (1): Kautz and McCool 2000, eq. (2), without the cosine and over the plain solid angle;
@@ -38,8 +38,8 @@ from ..frames import normalise
 from ..splitsum.chain import k_face_axes
 from .stack import ring_solid_angles
 
-PARTS = 1.0  # width of a part over the width of the profile, at most
-FINEST = 16  # parts of a piece along an axis, at most
+FINEST = 128  # parts of a piece along an axis, at most
+STEP = 0.125  # of the angle that holds half of the volume: the least width of a profile
 TABLE = 8192
 
 Float32Array = npt.NDArray[np.float32]
@@ -57,7 +57,8 @@ def nodes(size: int, parts: int) -> tuple[Float64Array, Float64Array]:
     edges = np.concatenate([[-1.0], centres, [1.0]])
     half = -(-parts // 2)
     counts = [half, *[parts] * (size - 1), half]
-    pieces = [np.linspace(a, b, k + 1)[:-1] for a, b, k in zip(edges, edges[1:], counts)]  # noqa: B905
+    ends = zip(edges[:-1], edges[1:], counts, strict=True)
+    pieces = [np.linspace(a, b, k + 1)[:-1] for a, b, k in ends]
     bounds = np.append(np.concatenate(pieces), 1.0)
     middle, radius = 0.5 * (bounds[1:] + bounds[:-1]), 0.5 * np.diff(bounds)
     offset = radius / math.sqrt(3.0)
@@ -93,32 +94,49 @@ def volume(angles: Float64Array, profile: Float64Array) -> Float64Array:
     return np.asarray(ring_solid_angles(angles) @ profile)
 
 
-def sharpness(angles: Float64Array, profile: Float64Array) -> float:
-    """Least angle over which a channel changes by half of its maximum; the profile's end if none.
+def _half_change(values: Float64Array) -> int:
+    """Least steps over which a column of (K, C) changes by a half, K - 1 if none does."""
+    most = least = values  # over ``span`` steps from each row on
 
-    A channel that is zero has none. Known to a 4096th of the end.
-    """
+    def over(steps: int) -> tuple[Float64Array, Float64Array]:
+        keep, ahead = len(values) - steps, steps - span
+        return (
+            np.maximum(most[:keep], most[ahead : ahead + keep]),
+            np.minimum(least[:keep], least[ahead : ahead + keep]),
+        )
+
+    span, last = 0, len(values) - 1
+    while span < last:
+        wider = min(max(2 * span, 1), last)
+        high, low = over(wider)
+        if np.max(high - low) >= 0.5:
+            first, stop = span + 1, wider
+            while first < stop:
+                middle = (first + stop) // 2
+                if np.max(np.subtract(*over(middle))) >= 0.5:
+                    stop = middle
+                else:
+                    first = middle + 1
+            return stop
+        most, least, span = high, low, wider
+    return last
+
+
+def width_of(angles: Float64Array, profile: Float64Array) -> float:
+    """Width of a profile's finest feature, for eq. (3); the profile's end if it has none."""
     grid = np.linspace(0.0, angles[-1], 4097)
     values = at_angles(angles, profile, grid)
-    most = values.max(axis=0)
-    values = values[:, most > 0.0] / most[most > 0.0]
-    low, high = 1, len(grid) - 1
-    if not values.size or np.ptp(values, axis=0).max() < 0.5:
+    values = values[:, values.max(axis=0) > 0.0]
+    if not values.shape[1]:
         return float(angles[-1])
-    while low < high:  # the largest change over k steps grows with k where the profile is smooth
-        k = (low + high) // 2
-        windows = np.lib.stride_tricks.sliding_window_view(values, k + 1, axis=0)
-        if np.ptp(windows, axis=-1).max() >= 0.5:
-            high = k
-        else:
-            low = k + 1
-    return float(grid[low])
+    held = np.cumsum(values * np.sin(grid)[:, None], axis=0)
+    inner = grid[np.argmax(held >= 0.5 * held[-1], axis=0)].min()
+    return float(max(grid[_half_change(values / values.max(axis=0))], STEP * inner))
 
 
 def parts_for(size: int, angles: Float64Array, profile: Float64Array) -> int:
     """Parts g of a piece along an axis, eq. (3)."""
-    need = 2.0 / (size * PARTS * sharpness(angles, profile))
-    return min(max(math.ceil(need), 1), FINEST)
+    return min(max(math.ceil(2.0 / (size * width_of(angles, profile))), 1), FINEST)
 
 
 def chord_table(angles: Float64Array, profile: Float64Array) -> tuple[Float64Array, float]:
@@ -145,8 +163,8 @@ def _sum_nodes(
     end: float,
     out: Float64Array,
 ) -> None:
-    # (K, 3) unit; (n,) x2; (6, N+2, N+2, 3); (T, 3) over |r - l|/2; last angle; out (K, 6) S(L), S(1)
-    size, n = padded.shape[1] - 2, at.shape[0]
+    # (K, 3) unit; (n,) x2; (6, N+2, N+2, 3); (T, 3) over |r - l|/2; its end; S(L), S(1) (K, 6)
+    size = padded.shape[1] - 2
     last = table.shape[0] - 2
     most = math.sin(0.5 * end) ** 2
     sine = math.sin(end) if end < 0.5 * math.pi else 1.0
@@ -234,7 +252,11 @@ def filter_directions(
     """
     a, p = checked_profile(angles, profile)
     d = normalise(directions)
-    g = parts_for(cube.size, a, p) if parts is None else _check.count("parts", parts, high=64)
+    g = (
+        parts_for(cube.size, a, p)
+        if parts is None
+        else _check.count("parts", parts, high=2 * FINEST)
+    )
     at, weight = nodes(cube.size, g)
     table, per_unit = chord_table(a, p)
     sums = np.empty((d.size // 3, 6))

@@ -20,6 +20,7 @@ Source of (1): the theorem of Funk and Hecke, as in Ramamoorthi and Hanrahan 200
 Representation for Irradiance Environment Maps". The grid, the bound and its use are ours.
 """
 
+import itertools
 import math
 
 import numba
@@ -131,12 +132,12 @@ def k_start(m: int, sines: Float64Array, before: Float64Array, now: Float64Array
 
 @kernel
 def k_next(
-    l: int, m: int, cosines: Float64Array, before: Float64Array, now: Float64Array
+    degree: int, m: int, cosines: Float64Array, before: Float64Array, now: Float64Array
 ) -> None:
-    """From degrees (l - 1, l) to (l, l + 1), in place."""
-    n = l + 1.0
+    """From degrees (d - 1, d) to (d, d + 1), in place."""
+    n = degree + 1.0
     a = math.sqrt((4.0 * n * n - 1.0) / (n * n - m * m))
-    b = math.sqrt(((n - 1.0) ** 2 - m * m) / (4.0 * (n - 1.0) ** 2 - 1.0)) if l > m else 0.0
+    b = math.sqrt(((n - 1.0) ** 2 - m * m) / (4.0 * (n - 1.0) ** 2 - 1.0)) if degree > m else 0.0
     for i in range(cosines.shape[0]):
         value = a * (cosines[i] * now[i] - b * before[i])
         before[i], now[i] = now[i], value
@@ -149,16 +150,16 @@ def _analyse(cosines: Float64Array, sums: Float64Array, out: Float64Array) -> No
     for m in numba.prange(out.shape[1]):
         before, now = np.empty(cosines.shape[0]), np.empty(cosines.shape[0])
         k_start(m, sines, before, now)
-        for l in range(m, out.shape[0]):
-            half = sums[m, (l + m) % 2]
+        for degree in range(m, out.shape[0]):
+            half = sums[m, (degree + m) % 2]
             a0 = a1 = a2 = a3 = a4 = a5 = 0.0
             for i in range(cosines.shape[0]):
                 p = now[i]
                 a0, a1, a2 = a0 + p * half[i, 0], a1 + p * half[i, 1], a2 + p * half[i, 2]
                 a3, a4, a5 = a3 + p * half[i, 3], a4 + p * half[i, 4], a5 + p * half[i, 5]
-            o = out[l, m]
+            o = out[degree, m]
             o[0], o[1], o[2], o[3], o[4], o[5] = a0, a1, a2, a3, a4, a5
-            k_next(l, m, cosines, before, now)
+            k_next(degree, m, cosines, before, now)
 
 
 @parallel_kernel
@@ -170,8 +171,8 @@ def _synthesise(
     for m in numba.prange(factors.shape[0]):
         before, now = np.empty(cosines.shape[0]), np.empty(cosines.shape[0])
         k_start(m, sines, before, now)
-        for l in range(m, factors.shape[0]):
-            half, c, f = out[m, (l + m) % 2], coefficients[l, m], factors[l]
+        for degree in range(m, factors.shape[0]):
+            half, c, f = out[m, (degree + m) % 2], coefficients[degree, m], factors[degree]
             c0, c1, c2 = c[0] * f[0], c[1] * f[1], c[2] * f[2]
             c3, c4, c5 = c[3] * f[3], c[4] * f[4], c[5] * f[5]
             for i in range(cosines.shape[0]):
@@ -182,7 +183,7 @@ def _synthesise(
                 half[i, 3] += p * c3
                 half[i, 4] += p * c4
                 half[i, 5] += p * c5
-            k_next(l, m, cosines, before, now)
+            k_next(degree, m, cosines, before, now)
 
 
 @parallel_kernel
@@ -191,17 +192,20 @@ def _zonal(cosines: Float64Array, weighted: Float64Array, out: Float64Array) -> 
     for block in numba.prange(weighted.shape[0]):
         for i in range(weighted.shape[1]):
             x, before, now = cosines[block, i], 0.0, 1.0
-            for l in range(out.shape[1]):
+            for degree in range(out.shape[1]):
                 for c in range(out.shape[2]):
-                    out[block, l, c] += now * weighted[block, i, c]
-                before, now = now, ((2.0 * l + 1.0) * x * now - l * before) / (l + 1.0)
+                    out[block, degree, c] += now * weighted[block, i, c]
+                before, now = (
+                    now,
+                    ((2.0 * degree + 1.0) * x * now - degree * before) / (degree + 1.0),
+                )
 
 
 def zonal_factors(angles: Float64Array, profile: Float64Array, count: int) -> Float64Array:
     """lambda_l (count, C) of eq. (1): Gauss-Legendre nodes between the nodes of the profile."""
     longest = math.pi / (2.0 * count)
     bounds = [angles[:1]]
-    for a, b in zip(angles[:-1], angles[1:], strict=True):
+    for a, b in itertools.pairwise(angles):
         bounds.append(np.linspace(a, b, max(math.ceil((b - a) / longest), 1) + 1)[1:])
     edge = np.concatenate(bounds)
     x, w = np.polynomial.legendre.leggauss(3)
