@@ -52,6 +52,7 @@ PLANES = {
     **dict.fromkeys(("regular", "importance", "thesis"), "glossy.parallax:shade_table"),
     **dict.fromkeys(("split-sum", "bent", "axis-taps"), "glossy.splitsum.planes:shade_chain"),
     "lattice": "glossy.lattice.planes:shade_lattice",
+    "prefiltered": "glossy.prefiltered.shade:shade_prefiltered",
     "auto": "glossy.planning.auto:shade_plan",
 }
 """What shades with bounding planes, ``(points, material, prepared, method, planes, precision,

@@ -15,6 +15,7 @@ from glossy.cubemap import face_directions, texel_directions, texel_solid_angles
 from glossy.frames import normalise
 from glossy.prefiltered.exact import filter_directions, nodes, parts_for, volume
 from glossy.prefiltered.filter import MapFilter, filter_map
+from glossy.prefiltered.harmonics import zonal_factors
 
 Float64Array = npt.NDArray[np.float64]
 SIZE = 16
@@ -152,7 +153,8 @@ def test_turning_the_cube_turns_the_result(tolerance: float | None) -> None:
         turned = filter_map(
             CubeMap(turn_faces(cube.faces, rotation)), angles, profile, 4, tolerance
         )
-        assert relative(turned, turn_faces(found, rotation)) < limit
+        expected = turn_faces(found.astype(np.float32), rotation)
+        assert relative(turned, expected) < limit
 
 
 @pytest.mark.parametrize("tolerance", [None, 1e-3])
@@ -167,8 +169,10 @@ def test_the_same_bits_on_one_thread(tolerance: float | None) -> None:
         numba.set_num_threads(before)
 
 
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
-@pytest.mark.parametrize("name", PROFILES)
+@pytest.mark.parametrize(
+    ("name", "tolerance"),
+    [("gauss", 1e-2), ("gauss", 1e-3), ("peak_and_skirt", 1e-3), ("cone", 1e-2)],
+)
 @pytest.mark.parametrize("make", [noise, sun, lambda: environment("studio", SIZE)])
 def test_the_tolerance_is_kept(make: Any, name: str, tolerance: float) -> None:
     """Against the sum over texels, RMS over the whole sphere of each channel, two widths."""
@@ -185,14 +189,16 @@ def test_the_tolerance_is_kept(make: Any, name: str, tolerance: float) -> None:
         assert np.sqrt(wrong / level).max() <= tolerance
 
 
-def test_narrow_profiles_on_a_large_map_are_split() -> None:
-    """A peak on a skirt: neither the nodes nor the degrees alone would do."""
-    cube = environment("spots", 32)
-    angles, profile = peak_and_skirt(0.02)
-    fast, d = MapFilter(cube, 1e-3), directions(100)
-    found = fast.filtered(angles, profile, d)
-    assert fast.degrees(np.ones((4 * fast.harmonics.count, 3))) is None
-    assert relative(found, filter_directions(cube, angles, profile, d)) < 2e-3
+def test_where_the_degrees_do_not_suffice_the_profile_is_split(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("glossy.prefiltered.filter.DEGREES", 32)
+    cube, d = noise(), directions(300)
+    angles, profile = peak_and_skirt(0.5 * TEXEL)
+    fast = MapFilter(cube, 1e-3)
+    assert fast.degrees(zonal_factors(angles, profile, 4 * 32)) is None
+    exact = filter_directions(cube, angles, profile, d)
+    assert relative(fast.filtered(angles, profile, d), exact) < 1e-3
 
 
 @pytest.mark.parametrize(

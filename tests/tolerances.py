@@ -102,5 +102,11 @@ PREFILTER_PARTS = 1e-3
 PREFILTER_NARROW = 2e-3
 """A lobe of a hundredth of a texel at the kinks of the bilinear lookup; 1e-3 in all."""
 
-PREFILTER_WHITE = 2e-5
+PREFILTER_WHITE = 1e-6
 """A constant through harmonics and back: interpolation of degree five, three points a degree."""
+
+PREFILTER_MAP = 0.03
+"""Bilinear lookup in a slice of 16 texels, lobes of two of its texels and more."""
+
+PREFILTER_ALBEDO = 2e-3
+"""Linear interpolation of profiles and weights between 16 elevations, at 40 degrees."""

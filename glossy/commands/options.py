@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 METHOD_OPTIONS = (
     "threshold", "filter", "footprint", "normalisation", "estimator", "kind", "bias", "precision",
-    "max_error", "count",
+    "max_error", "count", "mode", "lobes", "elevations", "map_size",
 )  # fmt: skip
 
 
@@ -101,6 +101,14 @@ def add_method_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--regions", type=int, dest="count", metavar="N", help="pem: a multiple of six (48)"
+    )
+    group.add_argument(
+        "--mode", metavar="NAME", help="prefiltered: single, flat or multi lobes (single)"
+    )
+    group.add_argument("--lobes", type=int, metavar="N", help="prefiltered: lobes of multi (3)")
+    group.add_argument("--elevations", type=int, metavar="N", help="prefiltered: slices (16)")
+    group.add_argument(
+        "--map-size", type=int, metavar="N", help="prefiltered: texels along a slice's face (64)"
     )
     group.add_argument("--precision", choices=("single", "double"), help="arithmetic (single)")
 

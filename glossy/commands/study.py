@@ -13,6 +13,7 @@ examples:
   glossy study --workers 8 -o out       eight processes (needs the extra "dask")
   glossy study --methods regular/jacobian,split-sum,bent/hdrp,axis-taps -o out
   glossy study --methods importance,pem,pem/distance/pem5:box -o out
+  glossy study --methods prefiltered,prefiltered/flat,prefiltered/multi -o out
 
 A method is NAME or NAME/FOOTPRINT or NAME/FOOTPRINT/VARIANT; the variant is the normalisation of
 regular or the estimator of thesis, as in thesis/thesis/4.24. DIR receives report.md,

@@ -11,11 +11,14 @@ third degree, the kinks of L at the texels' centres included. With J = (1 + s^2 
 
     I(r) = P S(L)/S(1),   S(L) = sum_ij w_i w_j J_ij p(a_ij) L(s_i, t_j),   P = int p dl    (2)
 
-The quotient makes a constant map exact. Parts are at most as wide as the least angle over which p
-changes by half of its maximum, or (profiles with steps) an eighth of the angle that holds half of
+The quotient makes a constant map exact. Parts are at most half as wide as the least angle over which
+p changes by half of its maximum, or (profiles with steps) an eighth of the angle that holds half of
 its volume, so that a lobe narrower than a texel meets nodes as densely as a wide one ::
 
-    g = ceil(h / width) <= FINEST,   h = 2/N, a texel's width in the middle of a face       (3)
+    g = ceil(2 h / width) <= FINEST,   h = 2/N, a texel's width in the middle of a face     (3)
+
+Under noise and under a sun of one texel this is within 5e-5 of many more nodes for smooth profiles,
+3e-4 for a cone, 1e-3 for a disc of half a texel.
 
 The kernel looks p up in a table even in
 the chord |r - l|, ``TABLE`` steps from 0 to the profile's end.
@@ -134,9 +137,9 @@ def width_of(angles: Float64Array, profile: Float64Array) -> float:
     return float(max(grid[_half_change(values / values.max(axis=0))], STEP * inner))
 
 
-def parts_for(size: int, angles: Float64Array, profile: Float64Array) -> int:
-    """Parts g of a piece along an axis, eq. (3)."""
-    return min(max(math.ceil(2.0 / (size * width_of(angles, profile))), 1), FINEST)
+def parts_for(size: int, angles: Float64Array, profile: Float64Array, fine: int = 2) -> int:
+    """Parts g of a piece along an axis, eq. (3), with ``fine`` for its 2."""
+    return min(max(math.ceil(2.0 * fine / (size * width_of(angles, profile))), 1), FINEST)
 
 
 def chord_table(angles: Float64Array, profile: Float64Array) -> tuple[Float64Array, float]:

@@ -5,7 +5,7 @@ The harmonics of a filtered map are those of the map times a factor that depends
 
     I_lm = lambda_l L_lm,   lambda_l = 2 pi int p(a) P_l(cos a) sin a da                    (1)
 
-L_lm is the sum over the quadrature nodes of ``exact`` (one part a piece), moved to a grid of
+L_lm is the sum over the quadrature nodes of ``exact`` (mostly one part a piece), moved to a grid of
 colatitudes and longitudes by the transpose of the interpolation that reads a filtered map back
 off such a grid: six points along each axis, degree five. Longitudes by FFT, colatitudes by the
 recurrence of the normalised Legendre functions, one order m after another.
@@ -35,6 +35,7 @@ from .exact import at_angles, nodes
 
 GHOSTS = 3  # rows and columns around the grid: the interpolation's reach
 OVERSAMPLING = 3  # rows of the grid for each degree
+FINE = 32  # parts along a face's edge, at least: the texels' solid angle is no polynomial
 
 ComplexArray = npt.NDArray[np.complex128]
 Float64Array = npt.NDArray[np.float64]
@@ -236,7 +237,7 @@ class MapHarmonics:
     def __init__(self, cube: CubeMap, count: int) -> None:
         self.count = count
         rows = OVERSAMPLING * count + OVERSAMPLING * count % 2
-        at, weight = nodes(cube.size, 1)
+        at, weight = nodes(cube.size, -(-FINE // cube.size))
         grid = np.zeros((rows + 2 * GHOSTS, 2 * (rows + GHOSTS), 3))
         square = np.zeros(3)
         for face in range(6):

@@ -11,15 +11,20 @@ tangent but the azimuth of a lobe beside the plane of incidence, seen exactly al
 Source: Kautz and McCool 2000, section 5.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, parallel_kernel
+from .._jit import Scalar, kernel, parallel_kernel
 from ..brdf import Material
 from ..cubemap import CubeMap
 from ..frames import SurfacePoints
+from ..parallax import k_redirect, plane_chunks
+from ..planes import BoundingPlanes
 from ..sampler import k_trilinear_rgb
 from ..shading import chunks
 from .approximate import approximate
@@ -32,6 +37,55 @@ TINY = np.float32(1e-12)  # squared sine of a view that counts as along the norm
 ZERO, ONE = np.float32(0.0), np.float32(1.0)
 
 FloatArray = npt.NDArray[np.floating]
+Lobe = tuple[FloatArray, bool, bool, npt.NDArray[np.float32], npt.NDArray[np.int64]]
+"""What the kernels take for a lobe: rows, outside, turned, buffer, chain."""
+
+
+@kernel
+def k_axis(
+    normal: FloatArray, tangent: FloatArray, view: FloatArray, rows: FloatArray, turned: bool
+) -> tuple[Scalar, Scalar, Scalar, Scalar, Scalar, Scalar]:
+    """Cos theta_o, the row of ``rows`` at or below it and the share of the next, and the axis."""
+    nx, ny, nz = normal[0], normal[1], normal[2]
+    vx, vy, vz = view[0], view[1], view[2]
+    c = vx * nx + vy * ny + vz * nz
+    i, last = 0, rows.shape[0] - 1
+    while last - i > 1:
+        middle = (i + last) // 2
+        if rows[middle, 0] <= c:
+            i = middle
+        else:
+            last = middle
+    f = ZERO * c
+    if last > i:
+        f = min(max((c - rows[i, 0]) / (rows[last, 0] - rows[i, 0]), f), f + ONE)
+    else:
+        i = last
+    x, y, z = (c + c) * nx - vx, (c + c) * ny - vy, (c + c) * nz - vz
+    if turned:
+        # e: away from the viewer, in the surface; the mirror direction is c n + s e
+        ex, ey, ez = c * nx - vx, c * ny - vy, c * nz - vz
+        square = ex * ex + ey * ey + ez * ez
+        s = np.sqrt(square)
+        if square > TINY:
+            ex, ey, ez = ex / s, ey / s, ez / s
+        else:
+            ex, ey, ez = -tangent[0], -tangent[1], -tangent[2]
+        up, side = k_mix(rows, i, f, 5), k_mix(rows, i, f, 6)
+        sine, cosine = np.sin(up), np.cos(up)
+        a, b = c * cosine - s * sine, s * cosine + c * sine
+        g, h = b * np.cos(side), b * np.sin(side)
+        x = a * nx + g * ex + h * (ny * ez - nz * ey)
+        y = a * ny + g * ey + h * (nz * ex - nx * ez)
+        z = a * nz + g * ez + h * (nx * ey - ny * ex)
+    return c, i, f, x, y, z
+
+
+@kernel
+def k_mix(rows: FloatArray, i: Scalar, f: Scalar, column: Scalar) -> Scalar:
+    """A column between row ``i`` and the next (or at ``i``, where it is the last)."""
+    j = min(i + 1, rows.shape[0] - 1)
+    return rows[i, column] + f * (rows[j, column] - rows[i, column])
 
 
 @parallel_kernel
@@ -40,56 +94,65 @@ def _shade_stack(
     tangent: FloatArray,
     view: FloatArray,
     rows: FloatArray,
-    outside: Scalar,
+    outside: bool,
     turned: bool,
     buffer: npt.NDArray[np.float32],
     chain: npt.NDArray[np.int64],
     out: FloatArray,
 ) -> None:
     # (P, 3) x3; FilteredStack's rows (K, 7), buffer and chain; out (P, 3) added to
-    top = rows.shape[0] - 1
     for p in numba.prange(normal.shape[0]):
-        nx, ny, nz = normal[p, 0], normal[p, 1], normal[p, 2]
-        vx, vy, vz = view[p, 0], view[p, 1], view[p, 2]
-        c = vx * nx + vy * ny + vz * nz
+        c, i, f, x, y, z = k_axis(normal[p], tangent[p], view[p], rows, turned)
         if c <= ZERO:
             continue
-        i, last = 0, top
-        while last - i > 1:  # the rows around c
-            middle = (i + last) // 2
-            if rows[middle, 0] <= c:
-                i = middle
-            else:
-                last = middle
-        j = min(i + 1, top)
-        f = ZERO * c
-        if j > i:
-            f = (c - rows[i, 0]) / (rows[j, 0] - rows[i, 0])
-            f = min(max(f, ZERO * c), ONE)
-        level = rows[i, 1] + f * (rows[j, 1] - rows[i, 1])
-        # along: away from the viewer in the surface; the mirror direction is c n + s along
-        x, y, z = (c + c) * nx - vx, (c + c) * ny - vy, (c + c) * nz - vz
-        if turned:
-            ex, ey, ez = c * nx - vx, c * ny - vy, c * nz - vz
-            square = ex * ex + ey * ey + ez * ez
-            s = np.sqrt(square)
-            if square > TINY:
-                ex, ey, ez = ex / s, ey / s, ez / s
-            else:
-                ex, ey, ez = -tangent[p, 0], -tangent[p, 1], -tangent[p, 2]
-            up = rows[i, 5] + f * (rows[j, 5] - rows[i, 5])
-            side = rows[i, 6] + f * (rows[j, 6] - rows[i, 6])
-            sine, cosine = np.sin(up), np.cos(up)
-            a, b = c * cosine - s * sine, s * cosine + c * sine
-            g, h = b * np.cos(side), b * np.sin(side)
-            x = a * nx + g * ex + h * (ny * ez - nz * ey)
-            y = a * ny + g * ey + h * (nz * ex - nx * ez)
-            z = a * nz + g * ez + h * (nx * ey - ny * ex)
+        level = k_mix(rows, i, f, 1)
         red, green, blue = k_trilinear_rgb(x, y, z, level, buffer, chain, 4, ZERO * c)
-        k = c if outside > ZERO else ONE
-        out[p, 0] += k * (rows[i, 2] + f * (rows[j, 2] - rows[i, 2])) * red
-        out[p, 1] += k * (rows[i, 3] + f * (rows[j, 3] - rows[i, 3])) * green
-        out[p, 2] += k * (rows[i, 4] + f * (rows[j, 4] - rows[i, 4])) * blue
+        k = c if outside else ONE
+        out[p, 0] += k * k_mix(rows, i, f, 2) * red
+        out[p, 1] += k * k_mix(rows, i, f, 3) * green
+        out[p, 2] += k * k_mix(rows, i, f, 4) * blue
+
+
+@parallel_kernel
+def _shade_stack_planes(
+    normal: FloatArray,
+    tangent: FloatArray,
+    view: FloatArray,
+    offset: FloatArray,
+    inverse: FloatArray,
+    normals: FloatArray,
+    width: Scalar,
+    rows: FloatArray,
+    outside: bool,
+    turned: bool,
+    buffer: npt.NDArray[np.float32],
+    chain: npt.NDArray[np.int64],
+    out: FloatArray,
+) -> None:
+    # as _shade_stack; offset (P, 3), inverse (P, M), normals (M, 3)
+    for p in numba.prange(normal.shape[0]):
+        c, i, f, x, y, z = k_axis(normal[p], tangent[p], view[p], rows, turned)
+        if c <= ZERO:
+            continue
+        x, y, z, _det = k_redirect((x, y, z), offset[p], inverse[p], normals, width)
+        level = k_mix(rows, i, f, 1)
+        red, green, blue = k_trilinear_rgb(x, y, z, level, buffer, chain, 4, ZERO * c)
+        k = c if outside else ONE
+        out[p, 0] += k * k_mix(rows, i, f, 2) * red
+        out[p, 1] += k * k_mix(rows, i, f, 3) * green
+        out[p, 2] += k * k_mix(rows, i, f, 4) * blue
+
+
+def _arguments(maps: PrefilteredMaps, dtype: type) -> list[Lobe]:
+    """Of every lobe, what the kernels take."""
+    if not isinstance(maps, PrefilteredMaps):
+        raise _check.fail("prepared", "must come from prefilter", type(maps).__name__)
+    found: list[Lobe] = []
+    for own in maps.stacks:
+        rows: FloatArray = _check.frozen(own.rows.astype(dtype))
+        turned = bool(own.rows[:, 5:].any())
+        found.append((rows, bool(own.stack.cosine_outside), turned, own.buffer, own.chain))
+    return found
 
 
 def prefiltered(
@@ -119,17 +182,46 @@ def prefiltered(
         If ``maps`` are not ``PrefilteredMaps``.
     """
     dtype = _check.dtype_of(precision)
-    if not isinstance(maps, PrefilteredMaps):
-        raise _check.fail("prepared", "must come from prefilter", type(maps).__name__)
+    lobes = _arguments(maps, dtype)
     seen = np.flatnonzero(points.coverage)
-    out = np.zeros((points.coverage.size, 3), dtype=dtype)
-    rows = [np.asarray(_check.frozen(own.rows.astype(dtype))) for own in maps.stacks]
+    out: npt.NDArray[Any] = np.zeros((points.coverage.size, 3), dtype=dtype)
     for pick, (n, t, v) in chunks(points, seen, dtype):
-        part = np.zeros((len(pick), 3), dtype=dtype)
-        for own, table in zip(maps.stacks, rows, strict=True):
-            outside = dtype(own.stack.cosine_outside)
-            turned = bool(own.rows[:, 5:].any())
-            _shade_stack(n, t, v, table, outside, turned, own.buffer, own.chain, part)
+        part: npt.NDArray[Any] = np.zeros((len(pick), 3), dtype=dtype)
+        for lobe in lobes:
+            _shade_stack(n, t, v, *lobe, part)
+        out[pick] = part
+    return out.reshape(*points.shape, 3)
+
+
+def shade_prefiltered(
+    points: SurfacePoints,
+    material: Material,
+    maps: PrefilteredMaps,
+    method: str,
+    planes: BoundingPlanes,
+    precision: str,
+    options: Mapping[str, Any],
+) -> FloatArray:
+    """The same with bounding planes: each lookup goes where its axis meets the room.
+
+    A slice holds a lobe's whole blur, so the footprint is "thesis", as for the split sum.
+
+    Raises
+    ------
+    ValueError
+        For the footprint "projected".
+    """
+    if planes.footprint != "thesis":
+        rule = f"must be 'thesis' for method {method!r}, whose slices are those of the lobe"
+        raise _check.fail("footprint", rule, planes.footprint)
+    dtype = _check.dtype_of(precision)
+    lobes = _arguments(maps, dtype)
+    normals, width = _check.frozen(planes.normals.astype(dtype)), dtype(planes.width)
+    out: npt.NDArray[Any] = np.zeros((points.coverage.size, 3), dtype=dtype)
+    for pick, (n, t, v, offset, inverse) in plane_chunks(points, planes, dtype):
+        part: npt.NDArray[Any] = np.zeros((len(pick), 3), dtype=dtype)
+        for lobe in lobes:
+            _shade_stack_planes(n, t, v, offset, inverse, normals, width, *lobe, part)
         out[pick] = part
     return out.reshape(*points.shape, 3)
 

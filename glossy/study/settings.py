@@ -25,7 +25,7 @@ VARIANTS = {
     "bent": "bend",
 }
 """Which option of a method its variant is."""
-PREPARED = {"pem": "filter"}
+PREPARED = {"pem": "filter", "prefiltered": "mode"}
 """Which option of a method's preparation its variant is; the plan's own is not for these."""
 LOBES = ("mx=.1", "mx=.15", "mx=.2,my=.075")
 SCHEDULE = ((20, 0.2), (50, 0.1))  # largest budget of each threshold; above: FINE_THRESHOLD
@@ -82,6 +82,7 @@ def parse_method(text: str) -> MethodSpec:
     from .. import methods
     from ..footprint import FOOTPRINTS
     from ..pem.shade import FOOTPRINTS as PEM_FOOTPRINTS
+    from ..prefiltered.approximate import MODES
     from ..pyramid import FILTERS
     from ..shading import NORMALISATIONS
     from ..splitsum.shade import BENDS, EQUIVALENTS
@@ -98,7 +99,8 @@ def parse_method(text: str) -> MethodSpec:
         known = PEM_FOOTPRINTS if spec.name == "pem" else FOOTPRINTS
         _check.choice(f"methods: {text}", spec.footprint, known)
     if spec.preparation:
-        _check.choice(f"methods: {text}", spec.variant, FILTERS)
+        modes = MODES if spec.name == "prefiltered" else FILTERS
+        _check.choice(f"methods: {text}", spec.variant, modes)
     elif spec.variant is not None:
         variants = {
             "normalisation": NORMALISATIONS,
