@@ -46,6 +46,8 @@ if TYPE_CHECKING:
     from .pem.regions import Regions, regions
     from .planes import BoundingPlanes
     from .planning.plan import plan
+    from .prefiltered.filter import filter_map
+    from .prefiltered.maps import PrefilteredMaps, prefilter
     from .pyramid import Pyramid, build_pyramid
     from .reference import Truth, reference, reference_passes
     from .scene import load_scene
@@ -95,6 +97,9 @@ _WHERE = {
     "material_names": "materials",
     "measured_material": "measured.material",
     "partial_maps": "pem.maps",
+    "filter_map": "prefiltered.filter",
+    "PrefilteredMaps": "prefiltered.maps",
+    "prefilter": "prefiltered.maps",
     "pattern_for_budget": "pattern",
     "plan": "planning.plan",
     "psnr": "metrics",
@@ -135,6 +140,7 @@ __all__ = [
     "PartialMaps",
     "Pattern",
     "Plane",
+    "PrefilteredMaps",
     "Pyramid",
     "Regions",
     "Sphere",
@@ -149,6 +155,7 @@ __all__ = [
     "energy",
     "environment",
     "export_shader",
+    "filter_map",
     "fit_table",
     "importance_pattern",
     "irradiance",
@@ -163,6 +170,7 @@ __all__ = [
     "partial_maps",
     "pattern_for_budget",
     "plan",
+    "prefilter",
     "psnr",
     "read_environment",
     "read_gbuffer",

@@ -234,6 +234,8 @@ def prepare(
     elevations: int = ELEVATIONS,
     map_size: int = SIZE,
     tolerance: float = TOLERANCE,
+    cosine: str = "inside",
+    finish: str = "mean",
 ) -> PrefilteredMaps:
     """Lobes that stand for the material, and the map filtered with them.
 
@@ -248,6 +250,8 @@ def prepare(
         Of "multi".
     elevations, map_size, tolerance
         Slices, texels along a face's edge, and RMS error of each (``prefilter``).
+    cosine, finish
+        Of ``approximate``: "inside" or "outside"; "mean", "minimum", "rescale" or "refit".
 
     Raises
     ------
@@ -257,5 +261,7 @@ def prepare(
     if not material.sided_lobes():
         return PrefilteredMaps((), map_size)
     count = (LOBES if mode == "multi" else 1) if lobes is None else lobes
-    stacks = approximate(material, mode=mode, lobes=count, elevations=elevations)
+    stacks = approximate(
+        material, mode=mode, lobes=count, elevations=elevations, cosine=cosine, finish=finish
+    )
     return prefilter(cube, stacks, map_size, tolerance)
