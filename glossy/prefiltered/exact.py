@@ -11,9 +11,9 @@ third degree, the kinks of L at the texels' centres included. With J = (1 + s^2 
 
     I(r) = P S(L)/S(1),   S(L) = sum_ij w_i w_j J_ij p(a_ij) L(s_i, t_j),   P = int p dl    (2)
 
-The quotient makes a constant map exact. Parts are at most half as wide as the least angle over which
-p changes by half of its maximum, or (profiles with steps) an eighth of the angle that holds half of
-its volume, so that a lobe narrower than a texel meets nodes as densely as a wide one ::
+The quotient makes a constant map exact. Parts are at most half as wide as the least angle over
+which p changes by half of its maximum, or (profiles with steps) an eighth of the angle that holds
+half of its volume, so that a lobe narrower than a texel meets nodes as densely as a wide one ::
 
     g = ceil(2 h / width) <= FINEST,   h = 2/N, a texel's width in the middle of a face     (3)
 
