@@ -1,6 +1,9 @@
 """The converged mirror buffer: same bits in any grouping, a plain twin, where it is the truth."""
 
 import dataclasses
+import json
+import os
+import pathlib
 from typing import Any
 
 import numba
@@ -12,6 +15,7 @@ from planar_twin import Twin, look_up
 import glossy
 from glossy import Lobe, Material
 from glossy.camera import Camera
+from glossy.cli import main
 from glossy.converge import Limits
 from glossy.planar import Fallback, mirror_pass, reference_planar
 from glossy.planar import converge as refining
@@ -253,3 +257,52 @@ def test_a_scene_at_rest_converges_to_the_buffer(scene: PreparedScene) -> None:
     )
     expected = found.view.picture([run.state.radiance, lobes.radiance])
     np.testing.assert_array_equal(states[-1].estimate, expected)
+
+
+FILE = """
+[camera]
+position = [0, 1, 2]
+target = [0, 0, -1]
+width = 8
+height = 6
+supersampling = 1
+
+[bake]
+texel = 0.8
+samples = 16
+bounces = 0
+
+[materials]
+shiny = { reflection = [{ mx = 0.05, r0 = 0.5, alpha = 0.5 }] }
+
+[[objects]]
+shape = { kind = "rectangle", size = [4, 4], one_sided = true }
+rotation = [-90, 0, 0]
+material = "shiny"
+method = { name = "planar", misses = "edge" }
+
+[[objects]]
+shape = { kind = "box" }
+position = [0, 0.5, -1]
+emission = 1.0
+"""
+
+
+def test_the_commands_cast_rays_and_refine(
+    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    base = os.environ.get("XDG_CACHE_HOME") or str(pathlib.Path.home() / ".cache")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", os.environ.get("NUMBA_CACHE_DIR") or base)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    file, out = tmp_path / "scene.toml", str(tmp_path / "out.exr")
+    file.write_text(FILE)
+    assert main(["reference", str(file), "--samples", "64", "--json", "-o", out]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["estimator"] == "qmc"
+    assert record["error_kind"] == "standard"
+    assert 0.0 < record["rms_error"] < 0.1
+    channels = glossy.image.read_image(out).channels
+    assert {"R", "G", "B", "error.R", "error.G", "error.B"} <= set(channels)
+    command = ["render", str(file), "--converge", "--passes", "2", "--json", "-o", out]
+    assert main(command) == 0
+    assert [s["samples"] for s in json.loads(capsys.readouterr().out)["states"]] == [0, 128, 256]

@@ -345,7 +345,7 @@ def _truth(
 
 def reference_objects(
     scene: ObjectScene | PreparedScene,
-    estimator: str = "texels",
+    estimator: str | None = None,
     progress: Progress | None = None,
     update: bool = False,
     occlusion: bool = False,
@@ -354,10 +354,10 @@ def reference_objects(
     """The ground truth of the same picture: the lobes integrated over the captured cube maps.
 
     Those of planar reflectors are integrated by casting rays (``planar.reference_planar``).
-    ``options`` are those of ``reference``, the others as for ``render_objects``. With bounding
-    planes or planar reflectors light depends on the place, and "qmc" stands for "texels".
-    ``occlusion``: objects that are not convex stand in the way of their own light, by rays
-    (``pem.reference_occluded``); "qmc" then as well.
+    ``options`` are those of ``reference``, the others as for ``render_objects``. The estimator is
+    "texels" by default; with bounding planes or planar reflectors light depends on the place, and
+    "qmc" stands for it. ``occlusion``: objects that are not convex stand in the way of their own
+    light, by rays (``pem.reference_occluded``); "qmc" then as well.
 
     Raises
     ------
@@ -368,8 +368,8 @@ def reference_objects(
     placed = any(o.glossy and plan.method_of(o)[0] in methods.VIEWED for o in plan.objects)
     if occlusion and plan.planes:
         raise _check.fail("occlusion", "must be false in a scene with [[planes]]", occlusion)
-    if estimator == "texels" and (plan.planes or placed or occlusion):
-        estimator = "qmc"
+    if estimator in (None, "texels"):
+        estimator = "qmc" if plan.planes or placed or occlusion else "texels"
     start = time.perf_counter()
     prepared = scene if isinstance(scene, PreparedScene) else prepare(scene, True, update, progress)
     seen = view(prepared)
