@@ -7,6 +7,8 @@ which returns the exit code. Those modules import what they compute with inside 
 
 import argparse
 import importlib
+import os
+import re
 import sys
 import warnings
 from collections.abc import Sequence
@@ -27,6 +29,9 @@ COMMANDS = (
     "stability",
 )
 BAD_INPUT = 2
+INTERRUPTED = 130
+CLOSED_PIPE = 141  # 128 + SIGPIPE, as shells report a reader that went away
+NEGATIVE = re.compile(r"-\.?\d")
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -47,20 +52,47 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     print(f"glossy: warning: {message}", file=sys.stderr)
 
 
+def _joined(words: Sequence[str]) -> list[str]:
+    """``--name -1,3`` as ``--name=-1,3``, since argparse takes such a value for an option."""
+    found: list[str] = []
+    for word in words:
+        if NEGATIVE.match(word) and found and re.fullmatch(r"--\w[\w-]*", found[-1]):
+            found[-1] += f"={word}"
+        else:
+            found.append(word)
+    return found
+
+
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; bad input is one line on stderr and exit code 2."""
+    """Run one command; bad input is one line on stderr and exit code 2.
+
+    Output that nobody reads any more (``| head``) ends it quietly with ``CLOSED_PIPE``.
+    """
+    try:
+        try:
+            return _main(_joined(sys.argv[1:] if argv is None else argv))
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing left to flush
+        return CLOSED_PIPE
+
+
+def _main(argv: Sequence[str]) -> int:
     args = build_parser().parse_args(argv)
     with warnings.catch_warnings():
         warnings.showwarning = _show_warning
         try:
             return int(args.run(args))
+        except BrokenPipeError:
+            raise
         except (ValueError, OSError) as error:
             text = " ".join(str(error).split())
             print(f"glossy {args.command}: {text}", file=sys.stderr)
             return BAD_INPUT
         except KeyboardInterrupt:
             print(f"glossy {args.command}: interrupted", file=sys.stderr)
-            return 130
+            return INTERRUPTED
 
 
 if __name__ == "__main__":

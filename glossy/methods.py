@@ -58,7 +58,10 @@ PLANES = {
 """What shades with bounding planes, ``(points, material, prepared, method, planes, precision,
 options)``; ``parallax.shade_planes`` has checked these."""
 
-TRACES = {"lattice": "glossy.lattice.trace:trace_lattice"}
+TRACES = {
+    "lattice": "glossy.lattice.trace:trace_lattice",
+    "auto": "glossy.planning.trace:trace_plan",
+}
 """What lists a method's samples, ``(point, material, pyramid, precision, **options)``, where
 ``trace`` itself does not."""
 

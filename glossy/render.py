@@ -306,6 +306,7 @@ def trace_pixel(scene: Scene, x: int, y: int) -> PixelTrace:
     ValueError
         If the pixel is outside the picture or sees no surface.
     """
+    from . import methods
     from .pyramid import build_pyramid
     from .trace import trace
 
@@ -317,5 +318,7 @@ def trace_pixel(scene: Scene, x: int, y: int) -> PixelTrace:
     if not points.coverage[y, x]:
         raise _check.fail("pixel", "must see the surface", (x, y))
     pyramid = build_pyramid(scene.environment.load(), **preparation)
-    common = {"method": scene.method, "samples": scene.samples, **options}
-    return PixelTrace((x, y), trace(points[y, x], material, pyramid, **common))
+    if "samples" in methods.options(scene.method):
+        options = {"samples": scene.samples, **options}
+    traced = trace(points[y, x], material, pyramid, method=scene.method, **options)
+    return PixelTrace((x, y), traced)

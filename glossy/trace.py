@@ -190,8 +190,9 @@ def trace(
     ----------
     point : SurfacePoints
         Exactly one point (any shape of size 1).
-    method : "regular", "importance", "thesis" or "lattice"
-        For ``lattice`` the columns are its own (``lattice.trace.LatticeTrace``).
+    method : "regular", "importance", "thesis", "lattice" or "auto"
+        For ``lattice`` the columns are its own (``lattice.trace.LatticeTrace``); for ``auto`` the
+        traces of the methods it chose (``planning.trace.PlanTrace``).
     **options
         As for ``shade``.
 

@@ -156,6 +156,7 @@ def test_trace_lists_every_tap(capsys: pytest.CaptureFixture[str]) -> None:
         (["render", "--material", "nowhere", "-o", "a.exr"], "material"),
         (["trace", "--material", "mx=.2,colour=1", "--pixel", "1,1"], "colour"),
         (["trace", "--pixel=-1,3"], "pixel: must be inside"),
+        (["trace", "--pixel", "-1,3"], "pixel: must be inside"),
         (["trace", "--pixel", "0,0"], "pixel: must see the surface"),
         (["reference", "--samples", "64", "-o", "absent/t.exr"], "--output: no folder"),
     ],
@@ -256,3 +257,28 @@ def test_an_interrupted_study_is_one_line_and_keeps_its_cells(
     assert len(value["cells"]) == 8
     assert all(path.read_bytes() == content for path, content in kept.items())
     assert sum(cell["session"] == 0 for cell in value["cells"]) == len(kept)
+
+
+def test_a_reader_that_goes_away_ends_the_command_quietly() -> None:
+    program = [sys.executable, "-m", "glossy.cli", "pattern", "--mx", ".1", "--format", "json"]
+    with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as started:
+        assert started.stdout is not None
+        assert started.stderr is not None
+        started.stdout.close()  # long before it writes
+        said = started.stderr.read()
+    assert (started.returncode, said) == (128 + signal.SIGPIPE, b"")
+
+
+def test_tracing_auto_is_tracing_what_it_chose(capsys: pytest.CaptureFixture[str]) -> None:
+    at = [*SMALL, "--pixel", "5,4", "--material", "mx=.2,my=.075"]
+    value = report(capsys, "trace", *at, "--method", "auto", "--max-error", ".1")
+    assert value["method"] == "auto"
+    assert value["difference"] < 1e-5 * max(value["radiance"])
+    (part,), (row,) = value["parts"], value["plan"]["lobes"]
+    assert (part["method"], part["options"]["samples"]) == (row["method"], row["samples"])
+    direct = [*at, "--method", row["method"], "--samples", str(row["samples"])]
+    alone = report(capsys, "trace", *direct)
+    assert part["taps"] == alone["taps"]
+    code, text, _ = run(capsys, "trace", *at, "--method", "auto")
+    assert code == 0
+    assert "lobes 0 of the material:" in text

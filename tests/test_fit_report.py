@@ -1,7 +1,9 @@
 """The fit's report, its pictures, and ``glossy fit``."""
 
+import dataclasses
 import json
 import pathlib
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +14,7 @@ from glossy import cli
 from glossy.image import read_image
 from glossy.materials import parse_material
 from glossy.measured.fit import Fit, fit_table
-from glossy.measured.fit_report import angle_lines, material_text
+from glossy.measured.fit_report import angle_lines, material_line, material_text
 from glossy.measured.solid_angle import solid_angles
 from glossy.measured.synthetic import synthetic_table
 from glossy.measured.table import MeasuredTable
@@ -130,10 +132,38 @@ def test_options_reach_the_fit(
     assert 0.3 <= found.reflection[0].mx <= 0.5
 
 
+def test_without_a_file_the_fit_is_printed(
+    table: MeasuredTable, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "t.txt"
+    table.write(source)
+    rough = ["--rows", "100", "--polish", "none", *QUICK]
+    assert cli.main(["fit", str(source), "--transmission-lobes", "0", *rough]) == 0
+    text = capsys.readouterr().out
+    assert "error (l1): " in text
+    line = next(x for x in text.splitlines() if x.startswith("material: "))
+    assert 0.05 < parse_material(line.removeprefix("material: ")).reflection[0].mx < 2.0
+    assert cli.main(["fit", str(source), *rough]) == 0  # two sides do not fit on a line
+    assert "[[transmission]]" in capsys.readouterr().out
+    assert [p.name for p in tmp_path.iterdir()] == ["t.txt"]
+
+
+@pytest.mark.parametrize("kd", [0.2, (0.1, 0.2, 0.3)])
+def test_a_line_is_the_material_it_came_from(kd: Any) -> None:
+    material = glossy.Material(
+        kd, [glossy.Lobe(0.2, 0.1, ks=(0.1, 0.2, 1.0 / 3.0), r0=0.04, alpha=0.5)]
+    )
+    line = material_line(material)
+    assert line is not None
+    found = parse_material(line)
+    assert found.reflection[0].ks == pytest.approx(material.reflection[0].ks, rel=1e-8)
+    assert found.kd == pytest.approx(kd)
+    assert dataclasses.replace(found, reflection=material.reflection, kd=kd) == material
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ([], "a material file or --report DIR is needed"),
         (["-o", "m.txt"], "--output: must end in .toml, .json"),
         (["-o", "m.toml", "--fix", "mx"], "--fix: must be NAME=VALUE"),
         (["-o", "m.toml", "--fix", "mx=a"], "--fix: must have numbers"),

@@ -16,14 +16,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glossy import metrics, shade
+from glossy.cli import build_parser
 from glossy.environment import environment
 from glossy.materials import parse_material
 from glossy.pattern import pattern_for_budget
+from glossy.planning.auto import planned
 from glossy.pyramid import build_pyramid
 from glossy.reference import reference
 from glossy.scene import Sphere, default_camera, surface_points
 from glossy.study import claims, commandline
 from glossy.study.bench import Cell
+from glossy.study.commandline import with_errors
 from glossy.study.measure import COARSE, Judge, best_bias
 from glossy.study.run import Study
 from glossy.study.settings import Plan, case_of, default_cases, parse_method, threshold_for
@@ -39,14 +42,22 @@ def test_thresholds_are_the_papers_at_its_counts() -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["regular", "regular/thesis", "regular/jacobian/projected", "importance", "thesis/paper/4.24"],
+    [
+        "regular",
+        "regular/thesis",
+        "regular/jacobian/projected",
+        "importance",
+        "thesis/paper/4.24",
+        "auto/.1",
+    ],
 )
 def test_methods_are_read_as_they_are_written(text: str) -> None:
     assert parse_method(text).label == text
 
 
 @pytest.mark.parametrize("text", ["magic", "regular/x", "regular/paper/x", "regular/paper/4.24",
-                                  "thesis/thesis/paper", "a/b/c/d", ""])  # fmt: skip
+                                  "thesis/thesis/paper", "a/b/c/d", "", "auto/2",
+                                  "auto/x"])  # fmt: skip
 def test_unknown_methods_are_refused(text: str) -> None:
     with pytest.raises(ValueError, match="must be"):
         parse_method(text)
@@ -179,6 +190,26 @@ def test_every_cell_is_measured(finished: Study) -> None:
     for cell in finished.cells:
         assert min(cell.seconds, cell.cpu_seconds, cell.ns_per_sample, cell.cpu_ratio) > 0.0
         assert cell.bias == 0.0 or cell.bias_kind == "best"
+
+
+def test_auto_is_measured_once_for_each_error_with_the_taps_it_takes(
+    tmp_path: pathlib.Path,
+) -> None:
+    arguments = ["study", "-o", "x", "--methods", "importance, auto", "--max-error", ".3, .03"]
+    args = build_parser().parse_args(arguments)
+    specs = [parse_method(name) for name in with_errors(args.methods.split(","), args)]
+    assert [spec.label for spec in specs] == ["importance", "auto/.3", "auto/.03"]
+    lobe = case_of(parse_material("mx=.3,my=.15"))
+    made = study(tmp_path / "s", cases=[lobe], methods=specs[1:])
+    rough, fine = made.run()
+    pyramid = made.bench.prepared(lobe, specs[2])
+    assert fine.taps == planned(lobe.material, pyramid, 0.03).samples
+    assert (rough.budget, rough.bias_kind, rough.samples) == (1, "zero", sum(rough.taps))
+    assert rough.samples < fine.samples
+    assert fine.relative_rms < min(rough.relative_rms, 0.03)
+    args.methods = "importance"
+    with pytest.raises(ValueError, match="--max-error: is for auto among --methods"):
+        with_errors(["importance"], args)
 
 
 def test_a_cell_is_shade_against_reference(finished: Study) -> None:

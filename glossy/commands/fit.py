@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = """\
 examples:
+  glossy fit paint.brdf                               prints the material
   glossy fit paint.brdf -o paint.toml
   glossy fit aluminium.txt --lobes 2 --report fit-out -o aluminium.toml
   glossy fit foil.txt --bound mx=.05:.4 --fix transmission.r0=.2 --metric cubic-root -o foil.toml
@@ -85,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
     from ..measured.fit import Fit, fit_table
     from ..measured.fit_report import (
         angle_lines,
+        material_line,
         material_text,
         parameter_table,
         report_json,
@@ -93,8 +95,6 @@ def run(args: argparse.Namespace) -> int:
     )
     from ..measured.read import read_measured
 
-    if args.output is None and args.report is None:
-        raise ValueError("--output: a material file or --report DIR is needed, got neither")
     if args.output is not None:
         options.check_output(args.output, (".toml", ".json"))
     others = args.compare.split(",") if args.compare else []
@@ -148,6 +148,9 @@ def run(args: argparse.Namespace) -> int:
         options.report(args, "fit", {"material": args.output, "report": args.report, **record})
         return 0
     print(parameter_table(fit))
+    if args.output is None:
+        line = material_line(fit.material)
+        print(f"material: {line}" if line else material_text(fit.material).rstrip())
     print(f"error ({fit.metric}): {fit.error:.5g}, {fit.rows} rows, {fit.seconds:.1f} s")
     for other in baselines:
         print(f"error of {other.model}: {other.error:.5g}")

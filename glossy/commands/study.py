@@ -15,9 +15,12 @@ examples:
   glossy study --methods importance,pem,pem/distance/pem5:box -o out
   glossy study --methods prefiltered,prefiltered/flat,prefiltered/multi -o out
 
+  glossy study --methods lattice,auto --max-error .02,.05,.1 -o out
+
 A method is NAME or NAME/FOOTPRINT or NAME/FOOTPRINT/VARIANT; the variant is the normalisation of
-regular or the estimator of thesis, as in thesis/thesis/4.24. DIR receives report.md,
-study.json, study.csv, speed.png, the pictures, and cells/ with one file per finished measurement.
+regular or the estimator of thesis, as in thesis/thesis/4.24; auto/.05 is auto with
+that error. DIR receives report.md, study.json, study.csv, speed.png, the pictures, and cells/ with
+one file per finished measurement.
 """
 
 
@@ -36,6 +39,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     group = parser.add_argument_group("study")
     group.add_argument(
         "--methods", metavar="A,B", help="default: the three regular ones, importance"
+    )
+    group.add_argument(
+        "--max-error", metavar="X,X", help="of auto: accepted relative RMS errors (default 0.05)"
     )
     group.add_argument("--samples", metavar="N,N", help="budgets (default 7,14,20,30,50,100,270)")
     group.add_argument(

@@ -118,6 +118,18 @@ def material_text(material: Material, suffix: str = ".toml") -> str:
     return "\n".join(blocks)
 
 
+def material_line(material: Material) -> str | None:
+    """A material as a line ``key=value,...`` for ``--material``; None if it has several lobes."""
+    if material.transmission or len(material.reflection) > 1:
+        return None
+    values: dict[str, Any] = {"kd": material.kd, **_below(material)}
+    for lobe in material.reflection:
+        values |= dataclasses.asdict(lobe)
+    rounded = _rounded({k: v for k, v in values.items() if v is not None})
+    texts = {k: v if isinstance(v, list) else [v] for k, v in rounded.items()}
+    return ",".join(f"{k}={'/'.join(f'{x:.9g}' for x in v)}" for k, v in texts.items())
+
+
 def _below(material: Material) -> dict[str, Any]:
     """The diffuse transmission, if there is any."""
     some = np.any(np.asarray(material.diffuse_transmission) > 0.0)

@@ -202,7 +202,8 @@ class Bench:
         """Method, budget and kind of bias of each cell of a case, in order."""
         found = []
         for method in self.plan.methods:
-            fixed = max(self.taps(case, method, max(self.plan.budgets))) == 1
+            alone = "samples" not in methods.options(method.name)
+            fixed = alone or max(self.taps(case, method, max(self.plan.budgets))) == 1
             kinds = BIAS_KINDS if "bias" in methods.options(method.name) else BIAS_KINDS[:1]
             budgets = (1,) if fixed else self.plan.budgets
             found += list(itertools.product([method], budgets, kinds))
@@ -224,7 +225,11 @@ class Bench:
 
     def taps(self, case: Case, method: MethodSpec, budget: int) -> list[int]:
         """Taps of each lobe."""
-        samples = self.options(case, method, budget).get("samples", 1)
+        own = self.options(case, method, budget)
+        if method.name in methods.PLANNED:
+            prepared = self.prepared(case, method)
+            return methods.planned_counts(method.name, case.material, prepared, own)
+        samples = own.get("samples", 1)
         return actual_samples(case.material, method.name, samples, threshold_for(budget))
 
     def image(
@@ -302,7 +307,7 @@ class Bench:
             pixels=pixels,
             truth_error=truth.rms_error,
             truth_level=judge.level,
-            ns_per_sample=timing.cpu_seconds * 1e9 / (pixels * sum(taps)),
+            ns_per_sample=timing.cpu_seconds * 1e9 / (pixels * max(sum(taps), 1)),
             search=[list(pair) for pair in search],
             cpu=cpu_model(),
             loaded=loaded,

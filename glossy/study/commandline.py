@@ -4,6 +4,7 @@ import argparse
 import pathlib
 import shlex
 import time
+from collections.abc import Sequence
 from contextlib import nullcontext
 from typing import Any
 
@@ -37,9 +38,20 @@ def _budgets(text: str | None) -> tuple[int, ...]:
         raise _check.fail("samples", "must be whole numbers with commas", text) from None
 
 
+def with_errors(named: Sequence[str], args: argparse.Namespace) -> list[str]:
+    """The methods, ``auto`` once for each error of --max-error."""
+    if args.max_error is None:
+        return list(named)
+    if not any(name.strip() == "auto" for name in named):
+        raise _check.fail("--max-error", "is for auto among --methods", args.methods)
+    errors = args.max_error.split(",")
+    each = [[f"auto/{e.strip()}" for e in errors] if n.strip() == "auto" else [n] for n in named]
+    return [name for some in each for name in some]
+
+
 def plan_from(args: argparse.Namespace, scene: Any) -> settings.Plan:
     """The plan the arguments describe; without SCENE and --material, the paper's three lobes."""
-    named = args.methods.split(",") if args.methods else settings.METHODS
+    named = with_errors(args.methods.split(",") if args.methods else settings.METHODS, args)
     if args.scene or args.material:
         text = args.material
         cases = [
@@ -94,7 +106,9 @@ def run(args: argparse.Namespace) -> int:
     if args.scene is None:
         args.width = SIDE if args.width is None else args.width
         args.height = args.width if args.height is None else args.height
-    wanted = argparse.Namespace(**{**vars(args), "samples": None, "filter": None})
+    wanted = argparse.Namespace(
+        **{**vars(args), "samples": None, "filter": None, "max_error": None}
+    )
     scene = options.scene_from(wanted)
     plan = plan_from(args, scene)
     study = Study(

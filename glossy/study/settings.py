@@ -23,6 +23,7 @@ VARIANTS = {
     "thesis": "estimator",
     "split-sum": "equivalent",
     "bent": "bend",
+    "auto": "max_error",
 }
 """Which option of a method its variant is."""
 PREPARED = {"pem": "filter", "prefiltered": "mode"}
@@ -62,6 +63,8 @@ class MethodSpec:
         named = {"footprint": self.footprint}
         if self.name not in PREPARED:
             named[VARIANTS.get(self.name, "variant")] = self.variant
+        if self.name == "auto" and self.variant is not None:
+            return {"max_error": float(self.variant)}
         return {k: v for k, v in named.items() if v is not None}
 
     @property
@@ -94,6 +97,9 @@ def parse_method(text: str) -> MethodSpec:
     spec = MethodSpec(*parts)
     if len(parts) == 2 and "footprint" not in methods.options(spec.name):
         spec = MethodSpec(spec.name, None, parts[1])
+    if spec.name == "auto" and spec.variant is not None:
+        _check_error(text, spec.variant)
+        return spec
     methods.check_options(spec.name, spec.options)
     if spec.footprint is not None:
         known = PEM_FOOTPRINTS if spec.name == "pem" else FOOTPRINTS
@@ -110,6 +116,16 @@ def parse_method(text: str) -> MethodSpec:
         }
         _check.choice(f"methods: {text}", spec.variant, variants[VARIANTS[spec.name]])
     return spec
+
+
+def _check_error(text: str, variant: str) -> None:
+    rule = "must be auto/X with an error X in (0, 1)"
+    try:
+        error = float(variant)
+    except ValueError:
+        raise _check.fail("methods", rule, text) from None
+    if not 0.0 < error < 1.0:
+        raise _check.fail("methods", rule, text)
 
 
 @dataclasses.dataclass(frozen=True)
