@@ -90,7 +90,7 @@ def shade_reflector(
     filter: str = "box",
     intersections: int = 2,
     scale: float = 1.0,
-    margin: float = 0.0,
+    margin: float = 0.25,
     misses: str = "cube",
 ) -> Shaded:
     """Radiance (K, 3) of a planar reflector's lobes in a view, its mirror pass, what it missed.
