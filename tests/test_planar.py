@@ -409,6 +409,31 @@ def test_misses_are_counted_and_read_elsewhere(fallback: Fallback) -> None:
     assert glossy.rms(cube, whole) < glossy.rms(edge, whole)
 
 
+@given(
+    st.floats(1e-5, 3.0), st.floats(1e-5, 3.0), st.sampled_from(["ellipse", "sample"]),
+    st.integers(1, 20), st.floats(1.0, 170.0), st.integers(0, 100),
+)  # fmt: skip
+def test_whatever_is_asked_radiance_is_finite_and_within_bounds(
+    mx: float, my: float, level: str, samples: int, fov: float, seed: int
+) -> None:
+    """Eq. 4.25 is a mean: at most twice the brightest light times F, see ``thesis``."""
+    rng = np.random.default_rng(seed)
+    eye = rng.uniform([-1.5, 0.02, -2.0], [1.5, 2.0, 2.0])
+    camera = Camera(tuple(eye), tuple(eye - rng.uniform([-1, 0.1, -1], [1, 1, 1])), fov=fov,
+                    width=9, height=7)  # fmt: skip
+    buffer = buffer_of(World(FLOOR, CUBE), camera)
+    place = np.column_stack([rng.uniform(-2, 2, 20), np.zeros(20), rng.uniform(-2.5, 2.5, 20)])
+    up, side = np.broadcast_to([0.0, 1.0, 0.0], (20, 3)), np.broadcast_to([1.0, 0.0, 0.0], (20, 3))
+    points = SurfacePoints(up, side, normalise(eye - place), position=place)
+    found, counts = shade_counted(
+        points, Lobe(mx, my), buffer, level=level, samples=samples, precision="double"
+    )
+    assert np.all(np.isfinite(found))
+    assert found.min() >= 0.0
+    assert found.max() <= 2.0 * max(buffer.radiance.max(), 1e-9) * (1.0 + 1e-9)
+    assert 0 <= counts.missed <= counts.samples <= 20 * samples
+
+
 def test_the_bits_do_not_depend_on_the_threads(room: MirrorBuffer) -> None:
     points = floor_points()
     threads = numba.get_num_threads()

@@ -76,7 +76,7 @@ def test_each_reflector_is_paid_for_when_it_is_seen(
     assert passes == [0, 1]  # not the one behind the camera
     assert set(captured) == {4}  # the ball's: nothing else needs a cube map
     assert [row["name"] for row in rendering.objects] == ["floor", "back", "ball"]
-    assert rendering.objects[0]["mirror"] == {"width": 24, "height": 16}
+    assert rendering.objects[0]["mirror"] == {"width": 32, "height": 24}
     counts = [row["mapping"]["samples"] for row in rendering.objects[:2]]
     assert counts == [row["rays"] * n for row, n in zip(rendering.objects, (5, 7), strict=False)]
     assert "mapping" not in rendering.objects[2]

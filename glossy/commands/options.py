@@ -76,7 +76,10 @@ def add_method_arguments(parser: argparse.ArgumentParser) -> None:
     """--method, --samples and the options of the methods."""
     group = parser.add_argument_group("method")
     group.add_argument(
-        "--method", metavar="NAME", help="regular, importance, thesis, lattice, pem, ... (regular)"
+        "--method",
+        metavar="NAME",
+        help="regular, importance, thesis, lattice, pem, ... (regular); planar: rectangles of a "
+        "scene of objects",
     )
     group.add_argument("--samples", type=int, metavar="N", help="samples per lobe (default 20)")
     group.add_argument("--threshold", type=float, metavar="X", help="pattern's density threshold")
@@ -91,9 +94,13 @@ def add_method_arguments(parser: argparse.ArgumentParser) -> None:
         help="paper, thesis or jacobian (paper); pem: constant, distance or view (constant)",
     )
     group.add_argument("--normalisation", metavar="NAME", help="paper or projected")
-    group.add_argument("--estimator", metavar="NAME", help="thesis: 4.23, 4.24 or 4.25 (4.25)")
     group.add_argument(
-        "--kind", metavar="NAME", help="thesis: auto, ring, line, multi-ring or blend (auto)"
+        "--estimator", metavar="NAME", help="thesis, planar: 4.23, 4.24 or 4.25 (4.25)"
+    )
+    group.add_argument(
+        "--kind",
+        metavar="NAME",
+        help="thesis, planar: auto, ring, line, multi-ring or blend (auto)",
     )
     group.add_argument("--bias", type=float, metavar="B", help="added to the level (default 0)")
     group.add_argument(

@@ -16,6 +16,7 @@ examples:
   glossy render --method pem --material mx=.2 --footprint distance -o pem.png
   glossy render --method prefiltered --mode multi --lobes 3 --map-size 64 -o lobes.png
   glossy render room -o room.png
+  glossy render hall --samples 13 -o hall.png
   glossy render scene.toml --footprint jacobian --bias -0.5 --json -o out.exr
   glossy render room --converge --time 30 -o room.exr
   glossy render --material mx=.1 --converge --target-error 0.005 -o still.png

@@ -14,6 +14,7 @@ from .mirror import MirrorBuffer, mirror_camera, reflector_plane, render_mirror
 from .shade import Fallback, shade_counted
 
 MISSES = ("cube", "edge")
+MARGIN = 0.25
 
 
 def mirror_pass(
@@ -55,7 +56,7 @@ def refine_reflector(
     *,
     intersections: int = 2,
     scale: float = 1.0,
-    margin: float = 0.0,
+    margin: float = MARGIN,
     misses: str = "cube",
     **options: Any,
 ) -> Iterator[Refined]:
@@ -90,7 +91,7 @@ def shade_reflector(
     filter: str = "box",
     intersections: int = 2,
     scale: float = 1.0,
-    margin: float = 0.25,
+    margin: float = MARGIN,
     misses: str = "cube",
 ) -> Shaded:
     """Radiance (K, 3) of a planar reflector's lobes in a view, its mirror pass, what it missed.
