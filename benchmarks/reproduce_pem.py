@@ -19,7 +19,7 @@ import numpy.typing as npt
 import glossy
 from glossy.frames import SurfacePoints, normalise, reflect, sphere_tangent
 from glossy.pem.cosine import cosine_radiance
-from glossy.pem.glossiness import lobe_volume
+from glossy.pem.glossiness import Impulses, lobe_volume
 from glossy.pem.lobe_error import lobe_error
 from glossy.pem.memory import memory
 from glossy.pem.shade import FOOTPRINTS, cosine_exponent
@@ -47,14 +47,36 @@ def filters(size: int, exponents: tuple[float, ...]) -> list[list[object]]:
     return rows
 
 
+def cross_section(name: str, size: int, angle: FloatArray) -> FloatArray:
+    """What directions in a plane through a white texel see of it, peak 1, at the level of s = 1."""
+    white = Impulses(name, size, np.array([[4, size // 2, size // 2]]))
+    steps, volumes = white.table()
+    level = np.interp(lobe_volume(1.0), np.maximum.accumulate(volumes[:, 0]), steps)
+    axis = white.axes[0]
+    side = normalise(np.cross(axis, [0.0, 1.0, 0.0]))
+    h = white.lookup(0, np.outer(np.cos(angle), axis) + np.outer(np.sin(angle), side), level)
+    return np.asarray(h / h.max())
+
+
 def plot(path: str, size: int, count: int) -> None:
-    """Fig. 5: error over the exponent, a white texel next to the centre of a face."""
+    """Figs. 4 and 5: lobes at s = 1, error over s; a white texel next to the centre of a face."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7.0, 3.6), layout="constrained")
+    figure = Figure(figsize=(7.0, 5.0), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
+    grid = figure.add_gridspec(2, len(FILTERS), height_ratios=(1.0, 2.2))
+    angle = np.linspace(-np.pi, np.pi, 361)
+    for column, name in enumerate(FILTERS):
+        axes = figure.add_subplot(grid[0, column])
+        for radius, colour in (
+            (np.maximum(np.cos(angle), 0.0), "tab:blue"),
+            (cross_section(name, size, angle), "tab:red"),
+        ):
+            axes.plot(radius * np.sin(angle), radius * np.cos(angle), color=colour, lw=1.2)
+        axes.set(title=name, aspect="equal", xlim=(-0.75, 0.75), ylim=(-0.45, 1.05))
+        axes.set_axis_off()
+    axes = figure.add_subplot(grid[1, :])
     s = np.geomspace(1.0, 400.0, count)
     for name, colour in zip(FILTERS, COLOURS, strict=True):
         error = lobe_error(name, size, s, [[4, size // 2, size // 2]])[:, 0]

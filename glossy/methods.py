@@ -53,6 +53,7 @@ PLANES = {
     **dict.fromkeys(("split-sum", "bent", "axis-taps"), "glossy.splitsum.planes:shade_chain"),
     "lattice": "glossy.lattice.planes:shade_lattice",
     "prefiltered": "glossy.prefiltered.shade:shade_prefiltered",
+    "pem": "glossy.pem.planes:shade_maps",
     "auto": "glossy.planning.auto:shade_plan",
 }
 """What shades with bounding planes, ``(points, material, prepared, method, planes, precision,

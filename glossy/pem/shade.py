@@ -39,11 +39,11 @@ import numpy.typing as npt
 
 from .. import _check
 from .._jit import Scalar, kernel, parallel_kernel
-from ..brdf import Lobe, Material
+from ..brdf import Material
 from ..frames import SurfacePoints
 from ..sampler import k_trilinear_rgb
 from ..shading import chunks, k_frame
-from ..splitsum.shade import albedo_table, equivalent_width, k_albedo
+from ..splitsum.shade import ENTRIES, albedo_table, equivalent_width, k_albedo
 from .glossiness import calibrate
 from .maps import PartialMaps, check_visibility, k_visible_rgb
 
@@ -62,7 +62,7 @@ THREE_HALVES = np.float32(1.5)
 
 
 @kernel
-def _mirror(
+def k_mirror(
     wo: tuple[Scalar, Scalar, Scalar], frame: tuple[Scalar, ...], side: Scalar
 ) -> tuple[Scalar, Scalar, Scalar]:
     """Mirror direction in world coordinates; for a transmission lobe (side -1) straight through."""
@@ -75,7 +75,7 @@ def _mirror(
 
 
 @kernel
-def _local_level(
+def k_local_level(
     level: Scalar, footprint: Scalar, x: Scalar, y: Scalar, z: Scalar, cos_o: Scalar
 ) -> Scalar:
     """Eq. (3): ``level`` at a unit direction and view; footprint by its place in FOOTPRINTS."""
@@ -105,8 +105,8 @@ def _shade_whole(
         if wo[2] <= ZERO:
             continue
         for j in range(lobes.shape[0]):
-            x, y, z = _mirror(wo, frame, lobes[j, 1])
-            level = _local_level(lobes[j, 0], lobes[j, 3], x, y, z, wo[2])
+            x, y, z = k_mirror(wo, frame, lobes[j, 1])
+            level = k_local_level(lobes[j, 0], lobes[j, 3], x, y, z, wo[2])
             r, g, b = k_trilinear_rgb(x, y, z, level, buffer, chain, 4, ZERO * x)
             scale, bias = k_albedo(tables[j], lobes[j, 2], wo[2])
             out[p, 0] += (colours[j, 0, 0] * scale + colours[j, 1, 0] * bias) * r
@@ -135,8 +135,8 @@ def _shade_visible(
         if wo[2] <= ZERO:
             continue
         for j in range(lobes.shape[0]):
-            x, y, z = _mirror(wo, frame, lobes[j, 1])
-            level = _local_level(lobes[j, 0], lobes[j, 3], x, y, z, wo[2])
+            x, y, z = k_mirror(wo, frame, lobes[j, 1])
+            level = k_local_level(lobes[j, 0], lobes[j, 3], x, y, z, wo[2])
             r, g, b = k_visible_rgb(x, y, z, level, visibility[p], buffer, boxes, sizes)
             scale, bias = k_albedo(tables[j], lobes[j, 2], wo[2])
             out[p, 0] += (colours[j, 0, 0] * scale + colours[j, 1, 0] * bias) * r
@@ -155,6 +155,29 @@ def cosine_exponent(m: float) -> float:
     density = weights * np.exp(-x / m**2) * c * (0.5 * (1.0 + c)) ** -2.5 / (1.0 + x) ** 2
     rest = float(density @ (1.0 - c) / density.sum())  # 1 - E
     return max(1.0 / rest - 2.0, 1.0)
+
+
+def lobe_arrays(
+    material: Material, maps: PartialMaps, footprint: str, bias: float, dtype: type
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Lobes, tables and colours for the kernels; the options are those of ``pem``."""
+    if not isinstance(maps, PartialMaps):
+        raise _check.fail("prepared", "must come from partial_maps", maps)
+    index = FOOTPRINTS.index(_check.choice("footprint", footprint, FOOTPRINTS))
+    shift = _check.in_range("bias", bias, -32.0, 32.0) - (MEAN_SHIFT if index else 0.0)
+    rows, tables, colours = [], [], []
+    for lobe, side in material.sided_lobes():
+        m = equivalent_width(lobe)
+        level = float(calibrate(maps.filter, maps.cube.size).level(cosine_exponent(m)))
+        ks, r0 = _check.rgb("ks", lobe.ks), _check.rgb("r0", lobe.r0)
+        rows.append((level + shift, side, lobe.alpha, index))
+        tables.append(albedo_table(m, lobe.alpha, side < 0.0))
+        colours.append((ks * r0, ks * (1.0 - r0)))
+    return (
+        _check.frozen(np.array(rows, dtype).reshape(-1, 4)),
+        _check.frozen(np.array(tables, dtype).reshape(-1, ENTRIES, 2)),
+        _check.frozen(np.array(colours, dtype).reshape(-1, 2, 3)),
+    )
 
 
 def pem(
@@ -189,21 +212,8 @@ def pem(
     that under visibility is ``maps.irradiance(normal, visibility)``.
     """
     dtype = _check.dtype_of(precision)
-    if not isinstance(maps, PartialMaps):
-        raise _check.fail("prepared", "must come from partial_maps", maps)
-    index = FOOTPRINTS.index(_check.choice("footprint", footprint, FOOTPRINTS))
-    shift = _check.in_range("bias", bias, -32.0, 32.0) - (MEAN_SHIFT if index else 0.0)
-    rows, tables, colours = [], [], []
-    for lobe, side in material.sided_lobes():
-        ks, r0 = _check.rgb("ks", lobe.ks), _check.rgb("r0", lobe.r0)
-        rows.append((lobe_level(lobe, maps) + shift, side, lobe.alpha, index))
-        tables.append(albedo_table(equivalent_width(lobe), lobe.alpha, side < 0.0))
-        colours.append((ks * r0, ks * (1.0 - r0)))
+    shared = lobe_arrays(material, maps, footprint, bias, dtype)
     out = np.zeros((points.coverage.size, 3), dtype=dtype)
-    if not rows:
-        return out.reshape(*points.shape, 3)
-    packed, table, colour = (_check.frozen(np.array(a, dtype)) for a in (rows, tables, colours))
-    shared = packed, table, colour
     seen = np.flatnonzero(points.coverage)
     if visibility is None:
         buffer, chain, _ = maps.pyramid.kernel_arguments
@@ -225,9 +235,3 @@ def pem(
         _shade_visible(*vectors, share, *shared, *maps.kernel_arguments, part)
         out[pick] = part
     return out.reshape(*points.shape, 3)
-
-
-def lobe_level(lobe: Lobe, maps: PartialMaps) -> float:
-    """Level of the maps that a lobe is read from."""
-    s = cosine_exponent(equivalent_width(lobe))
-    return float(calibrate(maps.filter, maps.cube.size).level(s))
