@@ -15,8 +15,8 @@ from scipy.special import erf
 
 import glossy
 from glossy import SurfacePoints
-from glossy.frames import normalise
-from glossy.pem import ShadowMaps, region_visibility, shadow_maps
+from glossy.frames import dot, normalise
+from glossy.pem import ShadowMaps, reference_occluded, region_visibility, shadow_maps
 from glossy.pem.depth import depth_maps, light_frames, light_space
 from glossy.pem.regions import regions
 from glossy.pem.shadow import STORAGE, blurred_moments, disc_angles
@@ -262,6 +262,29 @@ def test_close_to_the_rays_over_the_regions() -> None:
     assert errors[0] < 0.12
     assert errors[0] < 0.95 * errors[1]
     assert errors[0] < 0.6 * errors[2]
+
+
+def test_the_teapot_shadows_itself(real_data: pathlib.Path) -> None:
+    """Of its own light the shadow maps take away about what rays do."""
+    pytest.importorskip("embreex")
+    stand = Transform(rotation=(-90.0, 0.0, 0.0))
+    geometry = Geometry([(Mesh(str(real_data / "mesh/teapot.ply")), stand)])
+    assert not geometry.convex(0)
+    camera = glossy.Camera((4.0, 4.5, -6.5), (0.2, 1.4, 0.0), fov=40.0, width=28, height=20)
+    hits = geometry.intersect(camera.position, camera.rays())
+    view, normal = -camera.rays()[hits.found], hits.normal[hits.found]
+    normal = normalise(normal + np.maximum(1e-3 - dot(normal, view), 0.0)[:, None] * view)
+    points = SurfacePoints(normal, None, view, position=hits.position[hits.found])
+    cube, lobe = glossy.environment("sky", size=32), glossy.Lobe(0.1)
+    maps = glossy.partial_maps(cube, 48)
+    cut = maps.regions
+    lit = shadow_maps(geometry, cut.direction, cut.solid_angle, 128).visibility(points)
+    bare = glossy.shade(points, lobe, maps, method="pem")
+    taken = bare - glossy.shade(points, lobe, maps, method="pem", visibility=lit)
+    truth = reference_occluded(points, lobe, cube, geometry, samples=256).radiance
+    hidden = glossy.reference(points, lobe, cube, "qmc", samples=256).radiance - truth
+    assert np.sqrt(np.mean(hidden**2)) > 0.05 * np.sqrt(np.mean(truth**2))
+    assert np.sqrt(np.mean((taken - hidden) ** 2)) < 0.6 * np.sqrt(np.mean(hidden**2))
 
 
 def test_half_floats_take_half_the_memory_and_stay_close() -> None:
