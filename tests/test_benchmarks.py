@@ -93,6 +93,16 @@ def test_partial_maps_print_and_plot(tmp_path: pathlib.Path) -> None:
     assert place.read_bytes()[1:4] == b"PNG"
 
 
+def test_shadows_of_partial_maps_print_and_draw(tmp_path: pathlib.Path) -> None:
+    place, file = tmp_path / "shadows.png", tmp_path / "figures.json"
+    options = ("--quick", "--picture", str(place), "--json", str(file))
+    assert "visibility by softness" in run("pem_shadows", *options)
+    assert place.read_bytes()[1:4] == b"PNG"
+    rows = json.loads(file.read_text())["results"]["shapes, sky"]["regions"]
+    assert [row[0] for row in rows] == [6, 24]
+    assert all(float(row[2]) < float(row[1]) for row in rows)  # with shadow maps, without
+
+
 @pytest.fixture(name="common")
 def _common(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.syspath_prepend(str(FOLDER))

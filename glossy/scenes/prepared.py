@@ -224,9 +224,11 @@ class PreparedScene:
     ) -> Any:
         """Shadows of an object on itself, made once; None if it is convex or has them off.
 
+        None with bounding planes, too: light is then not infinitely far away.
+
         ``preparation``: options of ``lookup``; ``options``: the scene's ``shadows``.
         """
-        if options is False or method not in methods.SHADOWS:
+        if options is False or method not in methods.SHADOWS or self.scene.planes:
             return None
         alone = self.self_occluder(index)
         if alone is None:
