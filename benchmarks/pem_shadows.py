@@ -34,6 +34,7 @@ Scene = tuple[Geometry, Camera, glossy.CubeMap]
 COUNTS = (6, 12, 24, 48, 96, 192)
 SOFTNESS = (0.0, 0.02, 0.04, 0.07, 0.1, 0.2, 0.4)
 LOBE = glossy.Lobe(0.1)
+TIMED = 50_000  # points
 
 
 def shapes() -> Geometry:
@@ -52,7 +53,9 @@ def scenes(data: str | None, size: int, width: int) -> dict[str, Scene]:
     """Scenes by name, with their cameras and environments."""
     picture = {"fov": 40.0, "width": width, "height": width * 3 // 4}
     near = Camera((2.5, 3.0, 4.5), (0.0, 0.3, 0.0), **picture)  # type: ignore[arg-type]
-    found: dict[str, Scene] = {"shapes, sky": (shapes(), near, glossy.environment("sky", size))}
+    found: dict[str, Scene] = {
+        "shapes, built-in studio": (shapes(), near, glossy.environment("studio", size))
+    }
     if data is not None:
         city, photo = (
             glossy.read_environment(f"{data}/env/{name}_1k.hdr", size)
@@ -120,7 +123,7 @@ def by_regions(
     points, _ = seen(geometry, camera)
     truth = reference_occluded(points, LOBE, cube, geometry, samples=samples)
     scale = rms(truth.radiance)
-    few = np.random.default_rng(0).choice(len(points.normal), min(600, len(points.normal)), False)
+    many = points[np.resize(np.arange(len(points.normal)), TIMED if rounds > 1 else 100)]
     rows: list[list[object]] = []
     for count in counts:
         maps = glossy.partial_maps(cube, count)
@@ -128,27 +131,25 @@ def by_regions(
         lights = (geometry, cut.direction, cut.solid_angle, size)
         shadows = shadow_maps(*lights)
         lit = shadows.visibility(points)
-        part = points[few]
-        rays = region_visibility(part, geometry, cut, samples=32).share
+        rays = region_visibility(points, geometry, cut, samples=16).share
         images = {
             "none": glossy.shade(points, LOBE, maps, method="pem"),
             "maps": glossy.shade(points, LOBE, maps, method="pem", visibility=lit),
+            "rays": glossy.shade(points, LOBE, maps, method="pem", visibility=rays),
         }
-        cast = glossy.shade(part, LOBE, maps, method="pem", visibility=rays)
         errors = [rms(image - truth.radiance) / scale for image in images.values()]
-        errors.append(rms(cast - truth.radiance[few]) / rms(truth.radiance[few]))
         draw = seconds(lambda lights=lights: shadow_maps(*lights), rounds)  # type: ignore[misc]
         shade = seconds(
             lambda shadows=shadows, maps=maps: glossy.shade(  # type: ignore[misc]
-                points, LOBE, maps, method="pem", visibility=shadows.visibility(points)
+                many, LOBE, maps, method="pem", visibility=shadows.visibility(many)
             ),
             rounds,
         )
         one = seconds(
-            lambda maps=maps: glossy.shade(points, LOBE, maps, method="pem"),  # type: ignore[misc]
+            lambda maps=maps: glossy.shade(many, LOBE, maps, method="pem"),  # type: ignore[misc]
             rounds,
         )
-        each = 1e9 / len(points.normal)
+        each = 1e9 / len(many.normal)
         rows.append(
             [count, *(f"{e:.3f}" for e in errors), f"{1e3 * draw:.0f}", f"{shade * each:.0f}",
              f"{one * each:.0f}", f"{shadows.nbytes / 2**20:.1f}"]

@@ -98,7 +98,7 @@ def test_shadows_of_partial_maps_print_and_draw(tmp_path: pathlib.Path) -> None:
     options = ("--quick", "--picture", str(place), "--json", str(file))
     assert "visibility by softness" in run("pem_shadows", *options)
     assert place.read_bytes()[1:4] == b"PNG"
-    rows = json.loads(file.read_text())["results"]["shapes, sky"]["regions"]
+    rows = json.loads(file.read_text())["results"]["shapes, built-in studio"]["regions"]
     assert [row[0] for row in rows] == [6, 24]
     assert all(float(row[2]) < float(row[1]) for row in rows)  # with shadow maps, without
 
