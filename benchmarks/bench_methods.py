@@ -3,7 +3,10 @@
     python benchmarks/bench_methods.py --json methods.json
     python benchmarks/bench_methods.py --env room.hdr --env sky --size 256
 
-A sphere in each environment, against ``glossy.reference``.
+A sphere in each environment, against ``glossy.reference``; then a torus with a ball in its hole,
+which hide the environment from each other and from themselves, against rays cast through the scene
+(``glossy.pem.reference_occluded``). There only partial environment maps with shadow maps know what
+is hidden; what the others cannot reach is the row of the truth without shadows.
 Errors are RMS over the picture, relative to the RMS of the truth. Times are CPU times on one
 thread, compiled: of a picture, over that of regular sampling in the same turn; and of what a method
 makes anew when the map or the material changes (``glossy.study.preparation``).
@@ -20,6 +23,7 @@ import numpy as np
 
 LOBES = ("mx=.05", "mx=.15", "mx=.4", "mx=.2,my=.075")
 TOLERANCE = 2e-3  # of the truth
+HIDDEN_TOLERANCE = 1e-2  # of the truth with shadows, a standard error
 BASELINE = "regular, n = 14"
 
 
@@ -43,7 +47,16 @@ CONTENDERS = {
     "lattice, n = 14, round": Contender("lattice", {"samples": 14}, {"filter": "round"}),
     "split-sum": Contender("split-sum"),
     "axis-taps, n = 8": Contender("axis-taps", {"samples": 8}),
+    "prefiltered": Contender("prefiltered"),
+    "prefiltered, flat": Contender("prefiltered", {}, {"mode": "flat"}),
+    "prefiltered, 3 lobes": Contender("prefiltered", {}, {"mode": "multi", "lobes": 3}),
+    "pem": Contender("pem"),
+    "pem, view": Contender("pem", {"footprint": "view"}),
 }
+ISOTROPIC = ("prefiltered",)  # methods for round lobes alone
+REGIONS = 48
+SHADOWED = f"pem, {REGIONS} shadow maps"
+UNSHADOWED = "truth without shadows"
 
 
 def picture(side: int) -> Any:
@@ -100,6 +113,14 @@ class Stand:
         )
 
 
+def stands(cube: Any, material: Any) -> list[Stand]:
+    """The contenders that take the material."""
+    lobes = [lobe.widths for lobe in material.lobes]
+    round_ = all(mx == my for mx, my in lobes)
+    named = [n for n, c in CONTENDERS.items() if round_ or c.method not in ISOTROPIC]
+    return [Stand(name, cube, material) for name in named]
+
+
 def judge(env: str, size: int, side: int, rounds: int) -> list[dict[str, Any]]:
     """A row for each lobe and method in one environment."""
     import glossy
@@ -113,16 +134,11 @@ def judge(env: str, size: int, side: int, rounds: int) -> list[dict[str, Any]]:
         material = parse_material(text)
         truth = glossy.reference(points, material, cube, tolerance=TOLERANCE, diffuse=False)
         level = float(np.sqrt(np.mean(np.square(truth.radiance))))
-        stands = []
-        for name in CONTENDERS:
-            try:
-                stands.append(Stand(name, cube, material))
-            except ValueError:  # an isotropic method, an anisotropic lobe
-                continue
+        field = stands(cube, material)
         with one_thread():
-            turns = {s.name: functools.partial(s.shade, points) for s in stands}
+            turns = {s.name: functools.partial(s.shade, points) for s in field}
             times = common.interleaved(turns, rounds)
-        for stand in stands:
+        for stand in field:
             made = stand.preparation(points)
             rows.append(
                 {
@@ -141,6 +157,73 @@ def judge(env: str, size: int, side: int, rounds: int) -> list[dict[str, Any]]:
     return rows
 
 
+def hidden_scene(side: int) -> tuple[Any, Any]:
+    """Geometry of the torus and its ball, and what a camera sees of the torus."""
+    import glossy
+    from glossy.camera import Camera
+    from glossy.scenes.geometry import Geometry
+    from glossy.scenes.shapes import Sphere, Torus, Transform
+
+    tilt = Transform(rotation=[25.0, 0.0, 0.0])
+    geometry = Geometry([(Torus(1.0, 0.35), tilt), (Sphere(0.45), Transform())])
+    camera = Camera(
+        position=(0.0, 2.0, 4.5), target=(0.0, 0.0, 0.0), fov=35, width=side, height=side
+    )
+    hits = geometry.intersect(camera.position, camera.rays())
+    on = hits.object == 0
+    view = -camera.rays()[on]
+    facing = np.sum(hits.normal[on] * view, axis=-1) > 0.0
+    place, normal, tangent = (v[on][facing] for v in (hits.position, hits.normal, hits.tangent))
+    return geometry, glossy.SurfacePoints(normal, tangent, view[facing], position=place)
+
+
+def judge_hidden(env: str, size: int, side: int, rounds: int) -> list[dict[str, Any]]:
+    """A row for each round lobe and method where the scene hides part of the environment."""
+    import glossy
+    from glossy import pem
+    from glossy.materials import parse_material
+    from glossy.pem.maps import partial_maps
+    from glossy.scene import EnvironmentSource
+    from glossy.study.measure import one_thread
+
+    cube = EnvironmentSource(env, size).load()
+    geometry, points = hidden_scene(side)
+    rows = []
+    for text in LOBES[:3]:
+        material = parse_material(text)
+        truth = pem.reference_occluded(points, material, cube, geometry, tolerance=HIDDEN_TOLERANCE)
+        level = float(np.sqrt(np.mean(np.square(truth.radiance))))
+        field = stands(cube, material)
+        maps = partial_maps(cube, REGIONS)
+        cut = maps.regions
+        shadows = pem.shadow_maps(geometry, cut.direction, cut.solid_angle)
+
+        def shadowed(material: Any = material, maps: Any = maps, shadows: Any = shadows) -> Any:
+            seen = shadows.visibility(points)
+            return glossy.shade(points, material, maps, method="pem", visibility=seen)
+
+        with one_thread():
+            turns = {s.name: functools.partial(s.shade, points) for s in field}
+            times = common.interleaved({**turns, SHADOWED: shadowed}, rounds)
+        images = {s.name: s.shade(points) for s in field} | {SHADOWED: shadowed()}
+        free = glossy.reference(points, material, cube, tolerance=TOLERANCE)
+        images[UNSHADOWED] = free.radiance
+        for name, image in images.items():
+            rows.append(
+                {
+                    "environment": env,
+                    "lobe": text,
+                    "method": name,
+                    "relative_rms": relative_rms(image, truth.radiance),
+                    "truth_error": float(np.sqrt(np.mean(np.square(truth.error)))) / level,
+                    "over_regular": common.ratio(times, name, BASELINE)[1]
+                    if name in times
+                    else None,
+                }
+            )
+    return rows
+
+
 def _median(rows: list[dict[str, Any]], key: str) -> float:
     return float(statistics.median(row[key] for row in rows))
 
@@ -148,7 +231,7 @@ def _median(rows: list[dict[str, Any]], key: str) -> float:
 def error_table(rows: list[dict[str, Any]]) -> str:
     """Median of the relative RMS error over the environments [%], and the largest."""
     body: list[list[object]] = []
-    for name in CONTENDERS:
+    for name in dict.fromkeys(r["method"] for r in rows):
         cells = []
         for lobe in LOBES:
             own = [
@@ -183,13 +266,23 @@ def main() -> None:
     if args.quick:
         args.size, args.side, args.rounds, args.env = 16, 8, 1, ["spots"]
     rows = []
-    for env in args.env or ["spots", "studio", "sky"]:
+    envs = args.env or ["spots", "studio", "sky"]
+    for env in envs:
         rows += judge(env, args.size, args.side, args.rounds)
     print("Relative RMS error [%], median over the maps (largest)\n")
     print(error_table(rows) + "\n")
     print("Cost, medians over maps and lobes\n")
     print(cost_table(rows) + "\n")
-    common.write(args.json, "methods", rows)
+    hidden = []
+    for env in envs:
+        hidden += judge_hidden(env, args.size, args.side, args.rounds)
+    print(
+        "The scene hides part of the map: relative RMS error [%], median over the maps (largest)\n"
+    )
+    print(error_table(hidden) + "\n")
+    over = _median([r for r in hidden if r["method"] == SHADOWED], "over_regular")
+    print(f"A picture by {SHADOWED}: {over:.2f} of {BASELINE}")
+    common.write(args.json, "methods", rows + hidden)
 
 
 if __name__ == "__main__":
