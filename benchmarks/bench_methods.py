@@ -15,7 +15,7 @@ makes anew when the map or the material changes (``glossy.study.preparation``).
 import dataclasses
 import functools
 import statistics
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import common
@@ -121,7 +121,9 @@ def stands(cube: Any, material: Any) -> list[Stand]:
     return [Stand(name, cube, material) for name in named]
 
 
-def judge(env: str, size: int, side: int, rounds: int) -> list[dict[str, Any]]:
+def judge(
+    env: str, size: int, side: int, rounds: int, lobes: Sequence[str]
+) -> list[dict[str, Any]]:
     """A row for each lobe and method in one environment."""
     import glossy
     from glossy.materials import parse_material
@@ -130,7 +132,7 @@ def judge(env: str, size: int, side: int, rounds: int) -> list[dict[str, Any]]:
 
     cube, points = EnvironmentSource(env, size).load(), picture(side)
     rows = []
-    for text in LOBES:
+    for text in lobes:
         material = parse_material(text)
         truth = glossy.reference(points, material, cube, tolerance=TOLERANCE, diffuse=False)
         level = float(np.sqrt(np.mean(np.square(truth.radiance))))
@@ -177,7 +179,9 @@ def hidden_scene(side: int) -> tuple[Any, Any]:
     return geometry, glossy.SurfacePoints(normal, tangent, view[facing], position=place)
 
 
-def judge_hidden(env: str, size: int, side: int, rounds: int) -> list[dict[str, Any]]:
+def judge_hidden(
+    env: str, size: int, side: int, rounds: int, lobes: Sequence[str]
+) -> list[dict[str, Any]]:
     """A row for each round lobe and method where the scene hides part of the environment."""
     import glossy
     from glossy import pem
@@ -189,7 +193,7 @@ def judge_hidden(env: str, size: int, side: int, rounds: int) -> list[dict[str, 
     cube = EnvironmentSource(env, size).load()
     geometry, points = hidden_scene(side)
     rows = []
-    for text in LOBES[:3]:
+    for text in lobes:
         material = parse_material(text)
         truth = pem.reference_occluded(points, material, cube, geometry, tolerance=HIDDEN_TOLERANCE)
         level = float(np.sqrt(np.mean(np.square(truth.radiance))))
@@ -231,15 +235,16 @@ def _median(rows: list[dict[str, Any]], key: str) -> float:
 def error_table(rows: list[dict[str, Any]]) -> str:
     """Median of the relative RMS error over the environments [%], and the largest."""
     body: list[list[object]] = []
+    lobes = list(dict.fromkeys(r["lobe"] for r in rows))
     for name in dict.fromkeys(r["method"] for r in rows):
         cells = []
-        for lobe in LOBES:
+        for lobe in lobes:
             own = [
                 100.0 * r["relative_rms"] for r in rows if (r["method"], r["lobe"]) == (name, lobe)
             ]
             cells.append(f"{statistics.median(own):.1f} ({max(own):.1f})" if own else "–")
         body.append([name, *cells])
-    return common.table(["method", *LOBES], body)
+    return common.table(["method", *lobes], body)
 
 
 def cost_table(rows: list[dict[str, Any]]) -> str:
@@ -265,17 +270,18 @@ def main() -> None:
     args = parser.parse_args()
     if args.quick:
         args.size, args.side, args.rounds, args.env = 16, 8, 1, ["spots"]
+    lobes = LOBES[1:2] if args.quick else LOBES
     rows = []
     envs = args.env or ["spots", "studio", "sky"]
     for env in envs:
-        rows += judge(env, args.size, args.side, args.rounds)
+        rows += judge(env, args.size, args.side, args.rounds, lobes)
     print("Relative RMS error [%], median over the maps (largest)\n")
     print(error_table(rows) + "\n")
     print("Cost, medians over maps and lobes\n")
     print(cost_table(rows) + "\n")
     hidden = []
     for env in envs:
-        hidden += judge_hidden(env, args.size, args.side, args.rounds)
+        hidden += judge_hidden(env, args.size, args.side, args.rounds, lobes[:3])
     print(
         "The scene hides part of the map: relative RMS error [%], median over the maps (largest)\n"
     )
