@@ -1,6 +1,7 @@
 """The method "pem" with bounding planes."""
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 import rooms
 import tolerances
@@ -66,7 +67,24 @@ def test_planes_bring_the_picture_to_the_truth(maps: PartialMaps) -> None:
     assert glossy.relative_rms(without, truth) > 0.2
 
 
-def test_without_planes_nothing_changes_and_visibility_is_refused(maps: PartialMaps) -> None:
+def test_visibility_with_planes(maps: PartialMaps) -> None:
+    """All seen is all of it; it is linear; nothing seen is black."""
+    p, planes = rooms.sphere_points(40, 6), rooms.planes()
+    shares = np.random.default_rng(1).random((40, 6))
+
+    def under(visibility: npt.NDArray[np.float64] | None) -> npt.NDArray[np.floating]:
+        return glossy.shade(
+            p, MATERIAL, maps, "pem", "double", parallax=planes, visibility=visibility
+        )
+
+    whole = under(None)
+    np.testing.assert_allclose(under(np.ones(6)), whole, rtol=tolerances.SINGLE)
+    both = np.add(under(shares), under(1.0 - shares))
+    np.testing.assert_allclose(both, whole, rtol=tolerances.SINGLE)
+    assert not np.any(under(np.zeros(6)))
+
+
+def test_without_planes_nothing_changes(maps: PartialMaps) -> None:
     p = rooms.sphere_points(20, 5)
     plain = glossy.shade(p, MATERIAL, maps, "pem", "double", footprint="distance", bias=0.4)
     same = glossy.shade(
@@ -74,5 +92,3 @@ def test_without_planes_nothing_changes_and_visibility_is_refused(maps: PartialM
         footprint="distance", bias=0.4,
     )  # fmt: skip
     np.testing.assert_allclose(same, plain, rtol=1e-9)
-    with pytest.raises(ValueError, match=r"^visibility: must be None for method 'pem' with planes"):
-        glossy.shade(p, MATERIAL, maps, "pem", parallax=rooms.planes(), visibility=np.ones(6))

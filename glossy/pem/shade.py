@@ -180,6 +180,21 @@ def lobe_arrays(
     )
 
 
+def visibility_rows(
+    points: SurfacePoints, maps: PartialMaps, visibility: npt.ArrayLike | None, dtype: type
+) -> FloatArray | None:
+    """Visibility (P, R) of every point; None for None."""
+    if visibility is None:
+        return None
+    shares = check_visibility(visibility, len(maps.regions), dtype)
+    shape = (*points.shape, shares.shape[-1])
+    try:
+        shares = np.broadcast_to(shares, shape)
+    except ValueError:
+        raise _check.fail("visibility", f"must broadcast to {shape}", shares.shape) from None
+    return np.asarray(shares.reshape(-1, shape[-1]))
+
+
 def pem(
     points: SurfacePoints,
     material: Material,
@@ -214,24 +229,14 @@ def pem(
     dtype = _check.dtype_of(precision)
     shared = lobe_arrays(material, maps, footprint, bias, dtype)
     out = np.zeros((points.coverage.size, 3), dtype=dtype)
-    seen = np.flatnonzero(points.coverage)
-    if visibility is None:
-        buffer, chain, _ = maps.pyramid.kernel_arguments
-        for pick, vectors in chunks(points, seen, dtype):
-            part = np.empty((len(pick), 3), dtype=dtype)
-            _shade_whole(*vectors, *shared, buffer, chain, part)
-            out[pick] = part
-        return out.reshape(*points.shape, 3)
-    shares = check_visibility(visibility, len(maps.regions), dtype)
-    shape = (*points.shape, shares.shape[-1])
-    try:
-        shares = np.broadcast_to(shares, shape)
-    except ValueError:
-        raise _check.fail("visibility", f"must broadcast to {shape}", shares.shape) from None
-    flat = shares.reshape(len(out), -1)
-    for pick, vectors in chunks(points, seen, dtype):
+    shares = visibility_rows(points, maps, visibility, dtype)
+    for pick, vectors in chunks(points, np.flatnonzero(points.coverage), dtype):
         part = np.empty((len(pick), 3), dtype=dtype)
-        share = _check.frozen(flat[pick])
-        _shade_visible(*vectors, share, *shared, *maps.kernel_arguments, part)
+        if shares is None:
+            buffer, chain, _ = maps.pyramid.kernel_arguments
+            _shade_whole(*vectors, *shared, buffer, chain, part)
+        else:
+            seen = _check.frozen(shares[pick])
+            _shade_visible(*vectors, seen, *shared, *maps.kernel_arguments, part)
         out[pick] = part
     return out.reshape(*points.shape, 3)
