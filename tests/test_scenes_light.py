@@ -11,14 +11,15 @@ import pytest
 
 from glossy import CubeMap, Material, build_pyramid
 from glossy.camera import Camera
-from glossy.cubemap import texel_directions
+from glossy.cubemap import texel_directions, texel_solid_angles
 from glossy.frames import normalise
 from glossy.scene import EnvironmentSource
+from glossy.scenes import sun
 from glossy.scenes.arealight import towards
 from glossy.scenes.bake import bake
 from glossy.scenes.capture import Radiance, capture
 from glossy.scenes.geometry import Geometry
-from glossy.scenes.lightmaps import LightMaps
+from glossy.scenes.lightmaps import LightMaps, surface_points
 from glossy.scenes.model import AreaLight, BakeSettings, Checker, ObjectScene, SceneObject
 from glossy.scenes.shapes import Box, Mesh, Rectangle, Shape, Sphere, Torus, Transform
 
@@ -269,3 +270,66 @@ def test_a_mesh_keeps_its_light_at_its_vertices(tmp_path: pathlib.Path) -> None:
     assert np.mean(values - expected) == pytest.approx(0.0, abs=0.005 * math.pi)
     hits = lit.geometry.intersect([[0.0, 9.0, 0.0], [0.0, 3.0, 9.0]], [[0, -1.0, 0], [0, 0, -1.0]])
     np.testing.assert_allclose(lit.radiance(hits)[:, 0], [0.4, 0.2], atol=0.01)
+
+
+# --- a sun ----------------------------------------------------------------------------------------
+
+
+def sunny(radiance: float = 4e4, size: int = 64) -> tuple[CubeMap, Array, float]:
+    """A dim sky with one texel of sun: the map, where the sun stands, and its L omega in red."""
+    faces = np.full((6, size, size, 3), 0.1)
+    row, column = size // 2 - 12, size // 2 + 7
+    faces[2, row, column] = radiance * np.array([1.0, 0.8, 0.5])
+    direction = normalise(texel_directions(size))[2, row, column]
+    return CubeMap(faces), direction, radiance * float(texel_solid_angles(size)[row, column])
+
+
+def sun_on_floor(monkeypatch: pytest.MonkeyPatch, cap: float) -> tuple[Array, Array]:
+    """Red irradiance (h, w) of a floor under a square, and where its texels are, (h, w, 3)."""
+    monkeypatch.setattr(sun, "CAP", cap)
+    floor = SceneObject(Rectangle((4.0, 4.0), one_sided=True), UP, Material(kd=0.5))
+    block = wall(Transform((0.0, 0.5, 0.0), rotation=(-90.0, 0.0, 0.0)))
+    s = scene([floor, block], texel=0.1, samples=64, bounces=0)
+    maps = baked(s, sunny()[0])
+    start, h, w = (int(v) for v in maps.plan.charts[0, :3])
+    u, v = np.meshgrid((np.arange(w) + 0.5) / w, (np.arange(h) + 0.5) / h)
+    places = surface_points(maps.geometry, 0, 0, u, v)[0]
+    values = maps.values[start : start + h * w, 0].astype(np.float64)
+    return values.reshape(h, w), places
+
+
+def test_a_sun_lights_a_floor_and_a_square_shades_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """E = L omega cos in the open, 0 in the shadow: the square moved along the light."""
+    _, direction, power = sunny()
+    found, places = sun_on_floor(monkeypatch, sun.CAP)
+    on = places - 0.5 / direction[1] * -direction  # where the light met the square's plane
+    away = np.max(np.abs(on[..., [0, 2]]), axis=-1) - 0.5  # beyond the square's edge
+    sky = math.pi * 0.1
+    lit, dark = away > 0.15, away < -0.15  # a texel and half its diagonal, and the sun's width
+    assert dark.sum() > 20
+    assert lit.sum() > 1000
+    full = power * direction[1]
+    np.testing.assert_allclose(found[lit], full + sky, atol=2e-3 * full + sky)
+    assert found[dark].max() <= sky * (1.0 + 1e-6)
+    by_chance, _ = sun_on_floor(monkeypatch, math.inf)
+    noise = [np.std(e[lit]) / full for e in (found, by_chance)]
+    assert noise[0] < 0.02 * noise[1]
+
+
+def test_the_split_gives_all_of_the_light() -> None:
+    """Rest and bright texels add up to the map, and without bright ones it is left alone."""
+    cube, direction, _ = sunny()
+    pyramid = build_pyramid(cube)
+    rest, bright = sun.split_bright(pyramid)
+    assert bright is not None
+    whole = cube.faces.astype(np.float64)
+    left = whole - rest.levels[0]
+    np.testing.assert_allclose(left[bright.places], bright.radiance, rtol=1e-6)
+    assert np.count_nonzero(left.any(axis=-1)) == 1
+    u = np.random.default_rng(2).random((4096, 2))
+    d, weight = bright.sample(u)
+    assert np.min(d @ direction) > math.cos(2.0 / 64)
+    omega = texel_solid_angles(64)[bright.places[1], bright.places[2]]
+    np.testing.assert_allclose(weight.mean(axis=0), omega @ bright.radiance, rtol=1e-3)
+    grey = build_pyramid(CubeMap(np.ones((6, 8, 8, 3))))
+    assert sun.split_bright(grey) == (grey, None)

@@ -3,13 +3,14 @@
 A texel's irradiance is its mean over points of the texel; from each point one ray is shot, cosine
 weighted, so that ::
 
-    E = E_lights + pi mean(L_sky + L_emission) + mean(rho E) over what the rays hit           (1)
+    E = E_lights + E_bright + pi mean(L_sky + L_emission) + mean(rho E) over what the rays hit  (1)
 
-E_lights is Lambert's formula times the visible share (``arealight``). What each ray hit is kept, so
-a further bounce of (1) costs a gather, not rays. Rays that meet a closed object from within say
-that the point lies inside it: such points do not count, and texels that are wholly inside take the
-mean of their neighbours. Points and directions are scrambled Sobol numbers in four independent
-sets, whose scatter gives the standard error.
+E_lights is Lambert's formula times the visible share (``arealight``); E_bright comes from texels of
+the environment far above its mean, by rays of their own (``sun``), L_sky from the rest. What each
+ray hit is kept, so a further bounce of (1) costs a gather, not rays. Rays that meet a closed object
+from within say that the point lies inside it: such points do not count, and texels that are wholly
+inside take the mean of their neighbours. Points and directions are scrambled Sobol numbers in four
+independent sets, whose scatter gives the standard error.
 """
 
 from collections.abc import Callable, Iterable
@@ -27,6 +28,7 @@ from .geometry import Geometry, Hits
 from .lightmaps import Layout, LightMaps, layout, nearest_texel, surface_points
 from .model import ObjectScene
 from .shapes import BOX, MESH, PARTS, RECTANGLE, Rectangle
+from .sun import BrightTexels, split_bright
 
 Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
@@ -281,7 +283,11 @@ class _FirstLight:
         sky: Pyramid | None,
         samples: int,
     ) -> None:
-        self.scene, self.geometry, self.plan, self.sky = scene, geometry, plan, sky
+        self.scene, self.geometry, self.plan = scene, geometry, plan
+        self.sky: Pyramid | None = None
+        self.bright: BrightTexels | None = None
+        if sky is not None:
+            self.sky, self.bright = split_bright(sky)
         self.numbers = _numbers(samples)
         casting = [j for j, item in enumerate(scene.objects) if item.casts_shadow]
         placed = [(scene.objects[j].shape, scene.objects[j].transform) for j in casting]
@@ -320,6 +326,7 @@ class _FirstLight:
         valid = ~inside.reshape(-1, n)
         parts = self._by_replicate(value), self._by_replicate(valid[..., None])[..., 0]
         direct = self._direct(start, normals, valid)
+        direct += self._sun(start, normals, valid)
         return parts[0] + direct, parts[1], texel.reshape(-1, n).astype(np.int32)
 
     @staticmethod
@@ -352,3 +359,19 @@ class _FirstLight:
             share = np.divide(clear, total, out=np.zeros_like(clear), where=total > 0.0)
             out += (whole_sum * share)[..., None] * np.asarray(light.radiance)
         return out
+
+    def _sun(
+        self, start: Float64Array, normals: Float64Array, valid: npt.NDArray[np.bool_]
+    ) -> Float64Array:
+        """Sums (R, B, 3) of the bright texels of the environment, eq. (2) of ``sun``."""
+        b, n = valid.shape
+        if self.bright is None:
+            return np.zeros((REPLICATES, b, 3))
+        directions, radiance = self.bright.sample(self.numbers[:, 4:6])
+        along = np.broadcast_to(directions, (b, n, 3)).reshape(-1, 3)
+        cosine = np.sum(along * normals, axis=-1)
+        ask = np.flatnonzero((cosine > 0.0) & valid.reshape(-1))
+        clear = ~self.world.blocked(_check.frozen(start[ask]), _check.frozen(along[ask]))
+        weight = np.zeros(b * n)
+        weight[ask] = cosine[ask] * clear
+        return self._by_replicate(weight.reshape(b, n, 1) * radiance)
