@@ -131,6 +131,24 @@ def test_everything_behind_the_plane_is_clipped() -> None:
     np.testing.assert_array_equal(buffer.radiance[beyond], 0.0)
 
 
+def test_a_room_does_not_let_the_sky_in_at_the_end_of_its_floor() -> None:
+    """Beyond the floor's end pixels see past the wall: they would bleed into those before it."""
+    wall = (Rectangle((6.0, 4.0)), Transform((0.0, 2.0, -2.5)))
+    buffer = buffer_of(World(FLOOR, wall, sky=1000.0))
+    assert buffer.doubtful is not None
+    assert np.all(~buffer.hit[buffer.doubtful])
+    points = floor_points()
+    assert points.position is not None
+    last = points.position[:, 2] < -2.3
+    assert last.sum() > 5
+    found = shade_planar(points[last], Lobe(1e-4, alpha=0.5), buffer, precision="double")
+    assert found.max() < 5.0  # the wall's colours, not the sky
+    # in the open the same pixels are the sky that the plane mirrors
+    open_ = buffer_of(World(FLOOR, sky=1000.0))
+    assert open_.doubtful is not None
+    assert not open_.doubtful.any()
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -143,7 +161,7 @@ def test_everything_behind_the_plane_is_clipped() -> None:
         (lambda: build_levels(np.zeros((4, 4))), r"radiance: must have shape \(H, W, 3\)"),
         (lambda: build_levels(np.ones((4, 4, 3)), filter="round"), "filter: must be one of box"),
         (lambda: build_levels(np.full((4, 4, 3), np.nan)), "radiance: must be finite"),
-        (lambda: build_levels(np.ones((4, 4, 3)), np.ones(4)), "covered: must have shape"),
+        (lambda: build_levels(np.ones((4, 4, 3)), np.ones(4)), "weights: must have shape"),
         (lambda: build_levels(np.ones((4, 4, 3))).sample(np.nan, 0.0), "x: must not be NaN"),
     ],
 )
@@ -168,7 +186,7 @@ def test_a_constant_picture_stays_constant_holes_and_all(
     levels = build_levels(np.full((height, width, 3), 0.37), covered, filter)
     assert levels.levels[-1].shape == (1, 1, 4)
     x, y, lod = rng.uniform(-3, 44, 30), rng.uniform(-3, 44, 30), rng.uniform(-1, 8, 30)
-    found = levels.sample(x, y, lod)
+    found = levels.sample(x, y, lod, precision="double")
     black = np.all(found == 0.0, axis=-1)  # nothing covered around: only in the finest levels
     np.testing.assert_allclose(found[~black], 0.37, rtol=tolerances.SINGLE)
     assert not black[lod > 6].any()
@@ -199,7 +217,7 @@ def test_levels_stay_in_register_for_odd_sizes(filter: str) -> None:
     levels = build_levels(ramp, filter=filter)
     at = np.random.default_rng(5).uniform(38.0, 44.0, (20, 2))
     for lod in (0.0, 1.0, 2.5, 3.0):
-        found = levels.sample(at[:, 0], at[:, 1], lod)
+        found = levels.sample(at[:, 0], at[:, 1], lod, precision="double")
         np.testing.assert_allclose(found[:, :2], at, rtol=1e-5)
 
 

@@ -8,8 +8,8 @@ pixel i spanning [i, i + 1)::
 
     p = x / 2^l - 1/2,   bilinear about p,   linear between two levels                     (1)
 
-Pixels that hold nothing have coverage c = 0, others c = 1. c L and c are filtered alike, and a
-lookup returns their ratio: what is not covered is left out of every mean.
+Each pixel has a weight c, 0 if it holds nothing. c L and c are filtered alike, and a lookup returns
+their ratio: what weighs nothing is left out of every mean.
 
 Departure from graphics hardware, which rounds odd sizes down and so stretches the levels by up to
 half: here the levels stay in register.
@@ -70,7 +70,7 @@ def _halve(fine: Float32Array, coarse: Float32Array, weights: Float32Array) -> N
 def k_look_up(
     x: Scalar, y: Scalar, level: Scalar, buffer: Float32Array, chain: Int64Array
 ) -> tuple[Scalar, Scalar, Scalar]:
-    """Eq. (1): radiance at a pixel position; black where nothing around it is covered.
+    """Eq. (1): radiance at a pixel position; black where nothing around it has a weight.
 
     ``chain`` (levels, 3): offset in pixels, height, width.
     """
@@ -123,7 +123,7 @@ def _sample(
 class Levels:
     """The levels of a picture in one flat buffer; made by ``build_levels``.
 
-    ``buffer`` (floats,): red, green, blue, each times the coverage, and the coverage; ``chain``
+    ``buffer`` (floats,): red, green, blue, each times the weight, and the weight; ``chain``
     (levels, 3): offset in pixels, height, width.
     """
 
@@ -168,30 +168,33 @@ class Levels:
 
 
 def build_levels(
-    radiance: npt.ArrayLike, covered: npt.ArrayLike | None = None, filter: str = "box"
+    radiance: npt.ArrayLike, weights: npt.ArrayLike | None = None, filter: str = "box"
 ) -> Levels:
     """The pyramid of a picture, down to one pixel.
 
     Parameters
     ----------
     radiance : (H, W, 3) array
-    covered : (H, W) array of bool, optional
-        Pixels that count; all by default.
+    weights : (H, W) array >= 0, optional
+        How much each pixel counts; all alike by default.
     filter : "box", "gauss4" or "gauss6"
 
     Raises
     ------
     ValueError
-        For a wrong shape, radiance that is not finite, or an unknown filter.
+        For a wrong shape, radiance that is not finite, a negative weight, or an unknown filter.
     """
     rgb = _check.array("radiance", radiance, np.float32)
     if rgb.ndim != 3 or rgb.shape[-1] != 3 or rgb.size == 0:
         raise _check.fail("radiance", "must have shape (H, W, 3)", rgb.shape)
     if not np.all(np.isfinite(rgb)):
         raise _check.fail("radiance", "must be finite", "NaN or inf")
-    counted = np.ones(rgb.shape[:2], dtype=bool) if covered is None else np.asarray(covered, bool)
-    if counted.shape != rgb.shape[:2]:
-        raise _check.fail("covered", f"must have shape {rgb.shape[:2]}", counted.shape)
+    given = np.ones(rgb.shape[:2]) if weights is None else weights
+    share = _check.array("weights", given, np.float32)
+    if share.shape != rgb.shape[:2]:
+        raise _check.fail("weights", f"must have shape {rgb.shape[:2]}", share.shape)
+    if not np.all((share >= 0.0) & np.isfinite(share)):
+        raise _check.fail("weights", "must be finite and not negative", float(share.min()))
     _check.choice("filter", filter, FILTERS)
     sizes = [rgb.shape[:2]]
     while max(sizes[-1]) > 1:
@@ -200,9 +203,9 @@ def build_levels(
     chain = np.array([(o, *s) for o, s in zip(counts[:-1], sizes, strict=True)], dtype=np.int64)
     made = Levels(np.empty(CHANNELS * int(counts[-1]), dtype=np.float32), chain, filter)
     levels = made.levels
-    levels[0][..., :3] = np.where(counted[..., None], rgb, ZERO)
-    levels[0][..., 3] = counted
-    weights = _check.frozen(np.array(KERNELS[filter], dtype=np.float32))
+    levels[0][..., :3] = share[..., None] * rgb
+    levels[0][..., 3] = share
+    taps = _check.frozen(np.array(KERNELS[filter], dtype=np.float32))
     for fine, coarse in itertools.pairwise(levels):
-        _halve(_check.frozen(fine), coarse, weights)
+        _halve(_check.frozen(fine), coarse, taps)
     return made

@@ -9,6 +9,10 @@ the buffer is the pixel of the picture at the same place: no axis is flipped::
 M's rows are Fx r' + cx f', cy f' - Fy u', f', with F the distance of the image plane in pixels and
 c the middle of the buffer. Rays start where they cross the plane, so that all behind it is clipped,
 and the reflector itself is not there. What a pixel sees is its radiance, its place and its normal.
+The pixels beside a floor's end see past the wall that ends it, from outside the room. They would
+shine through its edge, so they weigh ``DOUBT`` in every mean: pixels that see the sky from a place
+of the plane that is beyond the reflector and hidden from the real camera.
+
 Pixels that see the sky have no place: they stand for a plane at infinity, which any ray meets along
 its own direction. Pixels whose ray never reaches the plane (beyond its horizon) hold nothing.
 
@@ -40,6 +44,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 BAND = 1 << 20  # rays at a time
 HORIZON = 1e-9  # least cosine between a ray and the plane's normal
+DOUBT = 1e-3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -145,6 +150,9 @@ class MirrorBuffer:
         False where the sky is seen.
     covered : (H, W) bool
         False where the ray never reaches the plane; such pixels count nowhere.
+    doubtful : (H, W) bool, optional
+        True where the sky is seen from beyond the reflector and out of the real camera's sight;
+        such pixels weigh ``DOUBT``.
 
     Raises
     ------
@@ -158,14 +166,15 @@ class MirrorBuffer:
     normal: Float64Array
     hit: BoolArray
     covered: BoolArray
+    doubtful: BoolArray | None = None
 
     def __post_init__(self) -> None:
         shape = (self.camera.height, self.camera.width)
         for name in ("radiance", "position", "normal"):
             if getattr(self, name).shape != (*shape, 3):
                 raise _check.fail(name, f"must have shape {(*shape, 3)}", getattr(self, name).shape)
-        for name in ("hit", "covered"):
-            if getattr(self, name).shape != shape:
+        for name in ("hit", "covered", "doubtful"):
+            if getattr(self, name) is not None and getattr(self, name).shape != shape:
                 raise _check.fail(name, f"must have shape {shape}", getattr(self, name).shape)
         radiance = _check.radiance("radiance", np.asarray(self.radiance, dtype=np.float32))
         object.__setattr__(self, "radiance", radiance)
@@ -186,7 +195,10 @@ class MirrorBuffer:
     def pyramid(self, filter: str = "box") -> Levels:
         """The buffer's own pyramid (see ``build_levels``), made on first use."""
         if filter not in self._pyramids:
-            self._pyramids[filter] = build_levels(self.radiance, self.covered, filter)
+            weights = self.covered.astype(np.float32)
+            if self.doubtful is not None:
+                weights[self.doubtful] *= DOUBT
+            self._pyramids[filter] = build_levels(self.radiance, weights, filter)
         return self._pyramids[filter]
 
 
@@ -202,6 +214,19 @@ def reflector_plane(geometry: Geometry, index: int) -> tuple[Float64Array, Float
         raise _check.fail("object", "must be a rectangle to be a planar reflector", index)
     matrix = geometry.forwards[index]
     return matrix[:, 3].copy(), normalise(np.cross(matrix[:, 0], matrix[:, 1]))
+
+
+def _doubtful(
+    geometry: Geometry, index: int, camera: MirrorCamera, places: Float64Array
+) -> BoolArray:
+    """Places (K, 3) of the plane beyond the reflector that the real camera cannot see."""
+    eye = camera.position - 2.0 * ((camera.position - camera.point) @ camera.normal) * camera.normal
+    local = places @ geometry.inverses[index][:, :3].T + geometry.inverses[index][:, 3]
+    out = np.any(np.abs(local[:, :2]) > 1.0, axis=-1)
+    away = places[out] - eye
+    far = np.linalg.norm(away, axis=-1)
+    out[out] = geometry.occluded(eye, away, far=far * (1.0 - 1e-6), skip=index)
+    return np.asarray(out)
 
 
 def render_mirror(world: Radiance, index: int, camera: MirrorCamera) -> MirrorBuffer:
@@ -221,7 +246,7 @@ def render_mirror(world: Radiance, index: int, camera: MirrorCamera) -> MirrorBu
     away = float((camera.point - camera.position) @ camera.normal) / np.where(covered, cosine, 1.0)
     radiance = np.zeros((len(d), 3), dtype=np.float32)
     position, normal = np.zeros((len(d), 3)), np.zeros((len(d), 3))
-    hit = np.zeros(len(d), dtype=bool)
+    hit, doubtful = np.zeros(len(d), dtype=bool), np.zeros(len(d), dtype=bool)
     seen = np.flatnonzero(covered)
     for start in range(0, len(seen), BAND):
         pick = seen[start : start + BAND]
@@ -234,6 +259,9 @@ def render_mirror(world: Radiance, index: int, camera: MirrorCamera) -> MirrorBu
         on = pick[hits.found]
         hit[on] = True
         position[on], normal[on] = hits.position[hits.found], hits.normal[hits.found]
+        if index >= 0:
+            sky = ~hits.found
+            doubtful[pick[sky]] = _doubtful(world.geometry, index, camera, origins[sky])
     shape = (camera.height, camera.width)
     return MirrorBuffer(
         camera,
@@ -242,4 +270,5 @@ def render_mirror(world: Radiance, index: int, camera: MirrorCamera) -> MirrorBu
         normal.reshape(*shape, 3),
         hit.reshape(shape),
         covered.reshape(shape),
+        doubtful.reshape(shape),
     )
