@@ -137,6 +137,16 @@ def test_more_lobes_and_a_common_fit_come_closer() -> None:
     assert errors[2] < 0.7 * errors[1]
 
 
+def test_the_common_fit_of_a_very_narrow_lobe_keeps_its_tails_dark() -> None:
+    """Squares hardly see a tail of 1/sr beside a peak of 1e8/sr, which yet holds all the light."""
+    lobe, views = Lobe(1e-4), [0.5]
+    errors = [
+        lobe_error(lobe, approximate(lobe, "multi", 3, views, finish=finish), views).rms[0]
+        for finish in ("mean", "refit")
+    ]
+    assert errors[1] < 0.5 * errors[0]
+
+
 def test_stacks_follow_their_lobe_whatever_the_order_in_the_slices() -> None:
     theta_o = np.linspace(1.4, 0.2, 9)
     mirror = spherical(theta_o, math.pi)
