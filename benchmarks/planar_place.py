@@ -40,49 +40,62 @@ class Place:
         names = [scene.objects[part.index].name for part in self.seen.parts]
         self.at = names.index(reflector)
         self.part = self.seen.parts[self.at]
-        self._buffers: dict[float, MirrorBuffer] = {}
-        self._spare: Fallback | None = None
+        self._buffers: dict[tuple[float, bool], MirrorBuffer] = {}
+        self._spare: dict[bool, Fallback] = {}
         self._kept: dict[Any, Any] = {}
 
-    def buffer(self, margin: float = 0.0) -> MirrorBuffer:
-        """The mirror buffer, kept."""
-        if margin not in self._buffers:
-            self._buffers[margin] = mirror_pass(self.prepared, self.part, self.scale, margin)
-        return self._buffers[margin]
+    def buffer(self, margin: float = 0.0, white: bool = False) -> MirrorBuffer:
+        """The mirror buffer, kept; ``white``: no light in it is above 1."""
+        key = (margin, white)
+        if key not in self._buffers:
+            if white:
+                whole = self.buffer(margin)
+                made = dataclasses.replace(whole, radiance=np.minimum(whole.radiance, 1.0))
+            else:
+                made = mirror_pass(self.prepared, self.part, self.scale, margin)
+            self._buffers[key] = made
+        return self._buffers[key]
 
-    @property
-    def spare(self) -> Fallback:
-        """The reflector's own cube map, for samples that miss the buffer."""
-        if self._spare is None:
+    def spare(self, white: bool = False) -> Fallback:
+        """The reflector's own cube map, for samples that miss the buffer; kept."""
+        if white not in self._spare:
             index = self.part.index
-            lookup = self.prepared.lookup(index, "regular")
-            self._spare = Fallback(lookup, self.prepared.geometry.center(index))
-        return self._spare
+            cube = self.prepared.cube_map(index)
+            if white:
+                cube = glossy.CubeMap(np.minimum(cube.faces, 1.0))
+            centre = self.prepared.geometry.center(index)
+            self._spare[white] = Fallback(glossy.build_pyramid(cube), centre)
+        return self._spare[white]
 
     def with_material(self, material: glossy.Material) -> Part:
         """The part as if it had other lobes."""
         bare = dataclasses.replace(material, kd=0.0, diffuse_transmission=0.0, kd_falloff=False)
         return dataclasses.replace(self.part, material=bare)
 
-    def real_time(self, material: glossy.Material, margin: float = 0.0, **options: Any) -> Array:
+    def real_time(
+        self, material: glossy.Material, margin: float = 0.0, white: bool = False, **options: Any
+    ) -> Array:
         """Radiance (K, 3) of the lobes from the buffer, with a few samples."""
-        part = self.with_material(material)
+        part, buffer = self.with_material(material), self.buffer(margin, white)
         value = shade_planar(
-            part.points, part.material, self.buffer(margin), fallback=self.spare, **options
+            part.points, part.material, buffer, fallback=self.spare(white), **options
         )
         return np.asarray(value, dtype=np.float64)
 
     def converged(
-        self, material: glossy.Material, samples: int, margin: float = 0.0, **options: Any
+        self,
+        material: glossy.Material,
+        samples: int,
+        margin: float = 0.0,
+        white: bool = False,
+        **options: Any,
     ) -> Refined:
         """The same with very many samples, kept."""
-        key = ("converged", material, samples, margin, *sorted(options.items()))
+        key = ("converged", material, samples, margin, white, *sorted(options.items()))
         if key not in self._kept:
-            part = self.with_material(material)
-            run = Refinement(
-                part.points, part.material, self.buffer(margin), fallback=self.spare, seed=1,
-                **options,
-            )  # fmt: skip
+            part, buffer = self.with_material(material), self.buffer(margin, white)
+            spare = self.spare(white)
+            run = Refinement(part.points, part.material, buffer, fallback=spare, seed=1, **options)
             run.add(samples)
             self._kept[key] = run.state
         found: Refined = self._kept[key]

@@ -151,8 +151,9 @@ class Refinement:
     buffer : MirrorBuffer
     planes : "averaged" or "own"
         The first tangent plane of a sample.
-    intersections : 2 or 1
-        As for ``map_samples``.
+    intersections : 2 or 1, optional
+        As for ``map_samples``; by default 1 with averaged planes and 2 with own ones, which comes
+        closest to the truth.
     fallback : Fallback, optional
         Where missed samples are read; the buffer's edge without.
     seed : int
@@ -171,7 +172,7 @@ class Refinement:
         buffer: MirrorBuffer,
         *,
         planes: str = "averaged",
-        intersections: int = 2,
+        intersections: int | None = None,
         fallback: Fallback | None = None,
         seed: int = 0,
     ) -> None:
@@ -183,6 +184,8 @@ class Refinement:
             rule = "must have no transmission on a planar reflector"
             raise _check.fail("material", rule, f"{len(material.transmission)} lobes")
         self.averaged = _check.choice("planes", planes, PLANES) == "averaged"
+        if intersections is None:
+            intersections = 1 if self.averaged else 2
         self.twice = _check.count("intersections", intersections, low=1, high=2) == 2
         self.seed = _check.count("seed", seed, low=0, high=2**63 - 1)
         self.material = dataclasses.replace(material, kd=0.0, diffuse_transmission=0.0)

@@ -54,7 +54,7 @@ def refine_reflector(
     most: int,
     seed: int = 0,
     *,
-    intersections: int = 2,
+    intersections: int | None = None,
     scale: float = 1.0,
     margin: float = MARGIN,
     misses: str = "cube",
