@@ -11,7 +11,7 @@ from glossy.pem.memory import memory
 
 FloatArray = npt.NDArray[np.floating]
 
-FILTERS = ["box", "pem5:box", "pem5:gauss", "pem5:cos", "pem5:sqrtcos"]
+FILTERS = ["box", "pem5:gauss", "pem5:sqrtcos"]
 SUM = 4e-6
 """float32: filters of R maps and their sum, relative to the brightest texel."""
 
@@ -43,8 +43,10 @@ def test_maps_sum_to_the_pyramid(filter: str) -> None:
         assert np.abs(total - whole).max() <= (SUM if level else 0.0)
 
 
-@pytest.mark.parametrize("filter", FILTERS)
-@pytest.mark.parametrize("storage", ["rgba32f", "rgba16f"])
+@pytest.mark.parametrize(
+    ("filter", "storage"),
+    [("box", "rgba16f"), ("pem5:cos", "rgba32f"), ("pem5:sqrtcos", "rgba16f")],
+)
 def test_lookup_under_visibility_is_the_sum_over_regions(filter: str, storage: str) -> None:
     """Eq. (1) against R whole pyramids, looked up one after another and summed in float64."""
     maps = partial_maps(random_cube(), 12, filter=filter, storage=storage)
@@ -61,7 +63,7 @@ def test_lookup_under_visibility_is_the_sum_over_regions(filter: str, storage: s
     assert np.all(maps.sample(d, level, np.zeros(12)) == 0.0)
 
 
-@pytest.mark.parametrize("count", [6, 24, 96])
+@pytest.mark.parametrize("count", [6, 48])
 def test_cropped_is_whole_bit_for_bit_and_smaller(count: int) -> None:
     cube = random_cube(32)
     maps = {layout: partial_maps(cube, count, layout=layout) for layout in LAYOUTS}
