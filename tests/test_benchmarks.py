@@ -19,6 +19,7 @@ HEADINGS = {
     "bench_latlong": "error of power",
     "bench_lattice": "lattice over regular",
     "bench_methods": "picture over regular",
+    "bench_prefiltered": "sum over texels",
     "bench_pyramid": "over a copy",
     "bench_reference": "mitsuba over glossy",
     "bench_shade": "x llvmpipe",
