@@ -188,10 +188,11 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=128, help="of the cube map")
     parser.add_argument("--points", type=int, default=400)
     args = parser.parse_args()
-    sizes, slices, fine, height, widths = (32, 64, 128), (4, 8, 16, 32), TRUE_SLICES, 512, LOBES
+    sizes, slices, widths = [32, 64, 128], [4, 8, 16, 32], list(LOBES)
+    fine, height = TRUE_SLICES, 512
     if args.quick:
         args.size, args.points, args.rounds = 8, 8, 1
-        sizes, slices, fine, height, widths = (4, 8), (2, 3), 4, 16, LOBES[-1:]
+        sizes, slices, widths, fine, height = [4, 8], [2, 3], [0.3], 4, 16
     from glossy.scene import EnvironmentSource
 
     cube = EnvironmentSource(args.env, args.size).load()

@@ -43,11 +43,13 @@ Lobe = tuple[FloatArray, bool, bool, npt.NDArray[np.float32], npt.NDArray[np.int
 
 @kernel
 def k_axis(
-    normal: FloatArray, tangent: FloatArray, view: FloatArray, rows: FloatArray, turned: bool
+    point: tuple[Scalar, ...], rows: FloatArray, turned: bool
 ) -> tuple[Scalar, Scalar, Scalar, Scalar, Scalar, Scalar]:
-    """Cos theta_o, the row of ``rows`` at or below it and the share of the next, and the axis."""
-    nx, ny, nz = normal[0], normal[1], normal[2]
-    vx, vy, vz = view[0], view[1], view[2]
+    """View cosine, the row of ``rows`` at or below it and the share of the next, and the axis.
+
+    ``point``: normal, tangent, view, three numbers each.
+    """
+    nx, ny, nz, tx, ty, tz, vx, vy, vz = point
     c = vx * nx + vy * ny + vz * nz
     i, last = 0, rows.shape[0] - 1
     while last - i > 1:
@@ -70,7 +72,7 @@ def k_axis(
         if square > TINY:
             ex, ey, ez = ex / s, ey / s, ez / s
         else:
-            ex, ey, ez = -tangent[0], -tangent[1], -tangent[2]
+            ex, ey, ez = -tx, -ty, -tz
         up, side = k_mix(rows, i, f, 5), k_mix(rows, i, f, 6)
         sine, cosine = np.sin(up), np.cos(up)
         a, b = c * cosine - s * sine, s * cosine + c * sine
@@ -90,9 +92,8 @@ def k_mix(rows: FloatArray, i: Scalar, f: Scalar, column: Scalar) -> Scalar:
 
 @parallel_kernel
 def _shade_stack(
-    normal: FloatArray,
-    tangent: FloatArray,
-    view: FloatArray,
+    seen: npt.NDArray[np.intp],
+    packed: FloatArray,
     rows: FloatArray,
     outside: bool,
     turned: bool,
@@ -100,17 +101,19 @@ def _shade_stack(
     chain: npt.NDArray[np.int64],
     out: FloatArray,
 ) -> None:
-    # (P, 3) x3; FilteredStack's rows (K, 7), buffer and chain; out (P, 3) added to
-    for p in numba.prange(normal.shape[0]):
-        c, i, f, x, y, z = k_axis(normal[p], tangent[p], view[p], rows, turned)
+    # (P,) places in out, (9, P); FilteredStack's rows (K, 7), buffer and chain; out added to
+    for k in numba.prange(seen.shape[0]):
+        a, p = packed, seen[k]
+        point = (a[0, k], a[1, k], a[2, k], a[3, k], a[4, k], a[5, k], a[6, k], a[7, k], a[8, k])
+        c, i, f, x, y, z = k_axis(point, rows, turned)
         if c <= ZERO:
             continue
         level = k_mix(rows, i, f, 1)
         red, green, blue = k_trilinear_rgb(x, y, z, level, buffer, chain, 4, ZERO * c)
-        k = c if outside else ONE
-        out[p, 0] += k * k_mix(rows, i, f, 2) * red
-        out[p, 1] += k * k_mix(rows, i, f, 3) * green
-        out[p, 2] += k * k_mix(rows, i, f, 4) * blue
+        factor = c if outside else ONE
+        out[p, 0] += factor * k_mix(rows, i, f, 2) * red
+        out[p, 1] += factor * k_mix(rows, i, f, 3) * green
+        out[p, 2] += factor * k_mix(rows, i, f, 4) * blue
 
 
 @parallel_kernel
@@ -129,9 +132,11 @@ def _shade_stack_planes(
     chain: npt.NDArray[np.int64],
     out: FloatArray,
 ) -> None:
-    # as _shade_stack; offset (P, 3), inverse (P, M), normals (M, 3)
+    # (P, 3) x4, inverse (P, M), normals (M, 3); then as _shade_stack
     for p in numba.prange(normal.shape[0]):
-        c, i, f, x, y, z = k_axis(normal[p], tangent[p], view[p], rows, turned)
+        n, t, v = normal[p], tangent[p], view[p]
+        point = (n[0], n[1], n[2], t[0], t[1], t[2], v[0], v[1], v[2])
+        c, i, f, x, y, z = k_axis(point, rows, turned)
         if c <= ZERO:
             continue
         x, y, z, _det = k_redirect((x, y, z), offset[p], inverse[p], normals, width)
@@ -183,13 +188,16 @@ def prefiltered(
     """
     dtype = _check.dtype_of(precision)
     lobes = _arguments(maps, dtype)
-    seen = np.flatnonzero(points.coverage)
     out: npt.NDArray[Any] = np.zeros((points.coverage.size, 3), dtype=dtype)
-    for pick, (n, t, v) in chunks(points, seen, dtype):
-        part: npt.NDArray[Any] = np.zeros((len(pick), 3), dtype=dtype)
+    if precision == "single":
+        seen, packed = points.packed
         for lobe in lobes:
-            _shade_stack(n, t, v, *lobe, part)
-        out[pick] = part
+            _shade_stack(seen, packed, *lobe, out)
+        return out.reshape(*points.shape, 3)
+    for pick, vectors in chunks(points, np.flatnonzero(points.coverage), dtype):
+        packed = np.asarray(_check.frozen(np.concatenate(vectors, axis=1).T))
+        for lobe in lobes:
+            _shade_stack(_check.frozen(pick), packed, *lobe, out)
     return out.reshape(*points.shape, 3)
 
 
