@@ -76,7 +76,9 @@ def k_axis(
         up, side = k_mix(rows, i, f, 5), k_mix(rows, i, f, 6)
         sine, cosine = np.sin(up), np.cos(up)
         a, b = c * cosine - s * sine, s * cosine + c * sine
-        g, h = b * np.cos(side), b * np.sin(side)
+        g, h = b, ZERO * b
+        if side != ZERO:
+            g, h = b * np.cos(side), b * np.sin(side)
         x = a * nx + g * ex + h * (ny * ez - nz * ey)
         y = a * ny + g * ey + h * (nz * ex - nx * ez)
         z = a * nz + g * ez + h * (nx * ey - ny * ex)
