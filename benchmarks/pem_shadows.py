@@ -34,7 +34,7 @@ Scene = tuple[Geometry, Camera, glossy.CubeMap]
 COUNTS = (6, 12, 24, 48, 96, 192)
 SOFTNESS = (0.0, 0.02, 0.04, 0.07, 0.1, 0.2, 0.4)
 LOBE = glossy.Lobe(0.1)
-TIMED = 50_000  # points
+TIMED = 20_000  # points
 
 
 def shapes() -> Geometry:
@@ -183,13 +183,13 @@ def main() -> None:
     parser.add_argument("--picture", help="write the last scene's picture to this file")
     args = parser.parse_args()
     counts = (6, 24) if args.quick else COUNTS
-    width, samples, size, rounds = (12, 32, 32, 1) if args.quick else (96, 512, 256, 3)
+    width, samples, size, rounds = (12, 32, 32, 1) if args.quick else (64, 512, 256, 3)
     results: dict[str, Any] = {}
     found = scenes(args.data, 16 if args.quick else 128, width)
     for name, scene in found.items():
         points, _ = seen(scene[0], scene[1])
         rng = np.random.default_rng(1)
-        few = points[rng.choice(len(points.normal), min(500, len(points.normal)), False)]
+        few = points[rng.choice(len(points.normal), min(300, len(points.normal)), False)]
         soft = softness(scene, counts[:1] if args.quick else (6, 24, 96), few)
         print(f"\n{name}: RMS error of the regions' visibility by softness\n")
         print(common.table(["regions", *map(str, SOFTNESS)], soft))
