@@ -317,6 +317,8 @@ def trace_pixel(scene: Scene, x: int, y: int) -> PixelTrace:
         raise _check.fail("pixel", f"must be inside {width} x {height}", (x, y))
     if not points.coverage[y, x]:
         raise _check.fail("pixel", "must see the surface", (x, y))
+    if scene.method in methods.PREPARE:  # looks up no pyramid; trace will say so
+        preparation = {}
     pyramid = build_pyramid(scene.environment.load(), **preparation)
     if "samples" in methods.options(scene.method):
         options = {"samples": scene.samples, **options}

@@ -1,6 +1,7 @@
 """Stacks of filtered maps, and the method that looks them up."""
 
 import math
+import pathlib
 from typing import Any
 
 import numba
@@ -24,12 +25,39 @@ from glossy.frames import normalise, to_world
 from glossy.prefiltered.exact import filter_directions
 from glossy.prefiltered.maps import PrefilteredMaps, prefilter
 from glossy.prefiltered.stack import LobeStack
-from glossy.render import render_scene
-from glossy.scene import EnvironmentSource, Scene, Sphere, default_camera
+from glossy.render import render_scene, trace_pixel
+from glossy.scene import EnvironmentSource, Scene, Sphere, default_camera, load_scene
+from glossy.scenes.model import ObjectScene
+from glossy.scenes.prepared import PreparedScene
+from glossy.scenes.render import render_objects
 from glossy.study.settings import parse_method
 
 Float64Array = npt.NDArray[np.float64]
 SIZE = 16
+OBJECTS = """
+[camera]
+position = [0, 0.5, 3]
+target = [0, 0, 0]
+width = 12
+height = 8
+supersampling = 1
+[environment]
+source = "sky"
+size = 8
+[method]
+name = "prefiltered"
+mode = "flat"
+elevations = 3
+map_size = 8
+[capture]
+size = 8
+[[planes]]
+point = [0, -2, 0]
+normal = [0, 1, 0]
+[[objects]]
+shape = { kind = "sphere" }
+material = "mx=.3"
+"""
 ROUND = Material(reflection=[Lobe(0.2, r0=(0.9, 0.5, 0.2), alpha=0.2)])
 
 
@@ -238,6 +266,27 @@ def test_a_scene_is_rendered_with_it() -> None:
     assert rendering.image[rendering.seen].max() > 0.0
     assert rendering.samples == [1]
     assert rendering.options["mode"] == "flat"
+
+
+def test_its_taps_are_not_traced() -> None:
+    scene = Scene(
+        environment=EnvironmentSource("spots", 8),
+        camera=default_camera(Sphere(), 8, 8),
+        method="prefiltered",
+        options={"mode": "flat"},
+    )
+    with pytest.raises(ValueError, match="method: must be one of regular"):
+        trace_pixel(scene, 4, 4)
+
+
+def test_an_object_of_a_scene_is_rendered_with_it(tmp_path: pathlib.Path) -> None:
+    file = tmp_path / "scene.toml"
+    file.write_text(OBJECTS)
+    scene = load_scene(str(file))
+    assert isinstance(scene, ObjectScene)
+    rendering = render_objects(PreparedScene(scene, cache=False))
+    assert [o["method"] for o in rendering.objects] == ["prefiltered"]
+    assert rendering.image[rendering.seen].max() > 0.0
 
 
 def test_a_study_names_its_modes() -> None:
