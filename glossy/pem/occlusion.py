@@ -24,8 +24,10 @@ def self_shadows(
 ) -> ShadowMaps:
     """Shadow maps of one object ``alone``, one for each region of ``maps``.
 
-    Options as for ``shadow_maps``.
+    The regions' own maps, which only shadows ask for, are made here too, and not in the first
+    picture. Options as for ``shadow_maps``.
     """
+    _ = maps.kernel_arguments
     return shadow_maps(
         alone,
         maps.regions.direction,
