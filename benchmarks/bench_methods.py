@@ -39,6 +39,7 @@ class Contender:
 
 
 JACOBIAN = {"footprint": "jacobian"}
+MULTI = {"mode": "multi", "lobes": 3, "finish": "refit"}
 CONTENDERS = {
     BASELINE: Contender("regular", {"samples": 14, "threshold": 0.2, **JACOBIAN}),
     "regular, n = 30": Contender("regular", {"samples": 30, "threshold": 0.1, **JACOBIAN}),
@@ -51,7 +52,7 @@ CONTENDERS = {
     "axis-taps, n = 8": Contender("axis-taps", {"samples": 8}),
     "prefiltered": Contender("prefiltered"),
     "prefiltered, flat": Contender("prefiltered", {}, {"mode": "flat"}),
-    "prefiltered, 3 lobes": Contender("prefiltered", {}, {"mode": "multi", "lobes": 3}),
+    "prefiltered, 3 lobes": Contender("prefiltered", {}, MULTI),
     "pem": Contender("pem"),
     "pem, distance": Contender("pem", {"footprint": "distance"}),
 }
