@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 METHOD_OPTIONS = (
     "threshold", "filter", "footprint", "normalisation", "estimator", "kind", "bias", "precision",
-    "max_error", "count", "mode", "lobes", "elevations", "map_size",
+    "max_error", "count", "mode", "lobes", "finish", "elevations", "map_size",
 )  # fmt: skip
 
 
@@ -113,6 +113,9 @@ def add_method_arguments(parser: argparse.ArgumentParser) -> None:
         "--mode", metavar="NAME", help="prefiltered: single, flat or multi lobes (single)"
     )
     group.add_argument("--lobes", type=int, metavar="N", help="prefiltered: lobes of multi (3)")
+    group.add_argument(
+        "--finish", metavar="NAME", help="prefiltered: mean, minimum, rescale or refit (mean)"
+    )
     group.add_argument("--elevations", type=int, metavar="N", help="prefiltered: slices (16)")
     group.add_argument(
         "--map-size", type=int, metavar="N", help="prefiltered: texels along a slice's face (64)"

@@ -14,7 +14,7 @@ examples:
   glossy render -o spots.png
   glossy render --env studio --material mx=.2,my=.075 --samples 30 --threshold 0.1 -o out.exr
   glossy render --method pem --material mx=.2 --footprint distance -o pem.png
-  glossy render --method prefiltered --mode multi --lobes 3 --map-size 64 -o lobes.png
+  glossy render --method prefiltered --mode multi --lobes 3 --finish refit -o lobes.png
   glossy render room -o room.png
   glossy render hall --samples 13 -o hall.png
   glossy render scene.toml --footprint jacobian --bias -0.5 --json -o out.exr

@@ -14,7 +14,6 @@ examples:
   glossy study --methods regular/jacobian,split-sum,bent/hdrp,axis-taps -o out
   glossy study --methods importance,pem,pem/distance/pem5:box -o out
   glossy study --methods prefiltered,prefiltered/flat,prefiltered/multi -o out
-
   glossy study --methods lattice,auto --max-error .02,.05,.1 -o out
 
 A method is NAME or NAME/FOOTPRINT or NAME/FOOTPRINT/VARIANT; the variant is the normalisation of
