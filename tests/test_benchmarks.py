@@ -8,6 +8,7 @@ import subprocess
 import sys
 from typing import Any
 
+import pages
 import pytest
 
 FOLDER = pathlib.Path(__file__).parent.parent / "benchmarks"
@@ -135,3 +136,12 @@ def test_a_power_law_gives_back_its_own_times(monkeypatch: pytest.MonkeyPatch) -
     assert seconds == pytest.approx(16.0 * 10.0**1.25)
     assert extrapolated
     assert reference.time_to(rows, rows[1]["error"]) == (pytest.approx(4.0), False)
+
+
+def test_the_page_of_all_methods_has_every_contender() -> None:
+    with pages.benchmark("bench_methods") as script:
+        for table in ("errors", "costs"):
+            names = [row[0] for row in pages.rows_of("choosing.md", table)]
+            assert names == list(script.CONTENDERS)
+        names = [row[0] for row in pages.rows_of("choosing.md", "hidden")]
+        assert names == [*script.CONTENDERS, script.SHADOWED, script.UNSHADOWED]

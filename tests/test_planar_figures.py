@@ -1,39 +1,23 @@
 """The figures of planar reflectors in small: the page has every row, and more samples help."""
 
-import importlib
-import os
-import pathlib
-import re
 from typing import Any
 
+import pages
 import pytest
 
-ROOT = pathlib.Path(__file__).parent.parent
-PAGE = (ROOT / "docs" / "planar.md").read_text(encoding="utf-8")
 SAMPLES = 128  # of converged buffer and truth: their noise is far below what is measured
-
-
-def rows_of(name: str) -> list[list[str]]:
-    found = re.search(rf"<!-- {name} -->\n(.*?)\n<!-- end -->", PAGE, re.S)
-    assert found, name
-    lines = found[1].splitlines()[2:]
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
 
 @pytest.fixture(name="study", scope="module")
 def _study() -> Any:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(ROOT / "benchmarks"))
-        yield importlib.import_module("reproduce_planar")
+    with pages.benchmark("reproduce_planar") as script:
+        yield script
 
 
 @pytest.fixture(name="gallery", scope="module")
 def _gallery(study: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     """The hall's floor, baked coarsely, away from the user's cache."""
-    base = os.environ.get("XDG_CACHE_HOME") or str(pathlib.Path.home() / ".cache")
-    with pytest.MonkeyPatch.context() as patch:  # kernels stay where they are
-        patch.setenv("NUMBA_CACHE_DIR", os.environ.get("NUMBA_CACHE_DIR") or base)
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+    with pages.own_scenes(tmp_path_factory.mktemp("cache")):
         yield study.Gallery(study.Place(18, scale=4.0, coarse=True), SAMPLES)
 
 
@@ -45,9 +29,9 @@ def test_the_page_has_every_row(study: Any) -> None:
         [r.figure, r.subject, str(r.samples), r.note, p]
         for r, p in zip(study.ROWS, printed, strict=True)
     ]
-    assert [row[:5] for row in rows_of("rows")] == expected
-    assert [row[0] for row in rows_of("limits")] == list(study.MATERIALS)
-    times = [row[0] for row in rows_of("times")]
+    assert [row[:5] for row in pages.rows_of("planar.md", "rows")] == expected
+    assert [row[0] for row in pages.rows_of("planar.md", "limits")] == list(study.MATERIALS)
+    times = [row[0] for row in pages.rows_of("planar.md", "times")]
     assert times == [*map(str, study.TABLE_4_2), "mirror pass", "pyramid"]
 
 

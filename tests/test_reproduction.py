@@ -1,43 +1,28 @@
 """The thesis's figures in small: its orders hold, and the page has every row."""
 
 import dataclasses
-import importlib
-import os
 import pathlib
-import re
 from typing import Any
 
 import numpy as np
+import pages
 import pytest
 
 import glossy
 
-ROOT = pathlib.Path(__file__).parent.parent
-PAGE = (ROOT / "docs" / "thesis.md").read_text(encoding="utf-8")
 TRUTH = 128  # samples: its own error is then well below what is measured
-
-
-def _tables(name: str) -> list[list[str]]:
-    found = re.search(rf"<!-- {name} -->\n(.*?)\n<!-- end -->", PAGE, re.S)
-    assert found, name
-    lines = found[1].splitlines()[2:]
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
 
 @pytest.fixture(name="study", scope="module")
 def _study() -> Any:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(ROOT / "benchmarks"))
-        yield importlib.import_module("reproduce_thesis")
+    with pages.benchmark("reproduce_thesis") as script:
+        yield script
 
 
 @pytest.fixture(name="place", scope="module")
 def _place(study: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     """The test object in a room baked coarsely, away from the user's cache."""
-    base = os.environ.get("XDG_CACHE_HOME") or str(pathlib.Path.home() / ".cache")
-    with pytest.MonkeyPatch.context() as patch:  # kernels stay where they are
-        patch.setenv("NUMBA_CACHE_DIR", os.environ.get("NUMBA_CACHE_DIR") or base)
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+    with pages.own_scenes(tmp_path_factory.mktemp("cache")):
         yield study.Place(20, coarse=True)
 
 
@@ -50,11 +35,11 @@ def test_no_row_is_forgotten(study: Any) -> None:
     expected = [
         [r.figure, r.subject, r.estimator, r.printed, f"{r.published:.2f}"] for r in study.ROWS
     ]
-    assert [row[:5] for row in _tables("rows")] == expected
+    assert [row[:5] for row in pages.rows_of("thesis.md", "rows")] == expected
 
 
 def test_the_page_names_every_material_and_where_it_comes_from(study: Any) -> None:
-    cells = {row[1].strip("`"): row[2] for row in _tables("materials")}
+    cells = {row[1].strip("`"): row[2] for row in pages.rows_of("thesis.md", "materials")}
     assert list(cells) == list(study.MATERIALS)
     assert {n for n, origin in cells.items() if origin == "published"} == {
         "alanod-2000gs", "miro-5", "white-foil",
@@ -73,9 +58,9 @@ def test_the_orders_of_the_page_are_those_of_its_rows(study: Any) -> None:
     """Every pair and its displayed gain, to the rounding of two figures of one digit."""
     rows = [
         {**dataclasses.asdict(r), **dict.fromkeys(study.MEASURES, 0.0), "display": float(cells[5])}
-        for r, cells in zip(study.ROWS, _tables("rows"), strict=True)
+        for r, cells in zip(study.ROWS, pages.rows_of("thesis.md", "rows"), strict=True)
     ]
-    found, printed = study.orders(rows), _tables("orders")
+    found, printed = study.orders(rows), pages.rows_of("thesis.md", "orders")
     assert [(p["pair"], p["claim"]) for p in found] == [(c[0], c[1]) for c in printed]
     for pair, cells in zip(found, printed, strict=True):
         assert pair["published"] > 0.0
