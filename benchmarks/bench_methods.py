@@ -25,6 +25,8 @@ import common
 import numpy as np
 from reproduce_thesis import fill
 
+from glossy.metrics import relative_rms
+
 ROUND = ("mx=.05", "mx=.15", "mx=.4")
 LOBES = (*ROUND, "mx=.2,my=.075")
 TOLERANCE = 2e-3  # of the truth
@@ -73,11 +75,6 @@ def picture(side: int) -> Any:
 
     points = surface_points(default_camera(Sphere(), side, side), Sphere())
     return points[points.coverage]
-
-
-def relative_rms(image: Any, truth: Any) -> float:
-    """RMS of the difference over the RMS of the truth."""
-    return float(np.sqrt(np.mean(np.square(image - truth)) / np.mean(np.square(truth))))
 
 
 class Stand:

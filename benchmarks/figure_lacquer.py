@@ -13,7 +13,6 @@ import pathlib
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from common import arguments, table, write
 from reproduce_prefiltered import COPPER
 
@@ -24,8 +23,6 @@ from glossy.prefiltered.maps import prefilter
 from glossy.prefiltered.shade import prefiltered
 from glossy.scenes.mesh import TriangleMesh
 from glossy.scenes.shapes import Mesh
-
-Array = npt.NDArray[np.float64]
 
 METHODS: dict[str, dict[str, Any]] = {
     "3-D": {"mode": "single"},
@@ -53,11 +50,6 @@ def teapot(file: pathlib.Path, width: int, height: int) -> glossy.SurfacePoints:
     shape = (height, width, 3)
     n, t, v = (a.reshape(shape) for a in (*full, -rays))
     return glossy.SurfacePoints(n, t, v, mask=seen.reshape(height, width))
-
-
-def relative_rms(a: Array, b: Array, where: npt.NDArray[np.bool_]) -> float:
-    """RMS of the difference over the RMS of ``b``, over some pixels."""
-    return float(np.sqrt(np.mean((a[where] - b[where]) ** 2) / np.mean(b[where] ** 2)))
 
 
 def main() -> None:
@@ -90,8 +82,8 @@ def main() -> None:
             rows.append((
                 name,
                 method,
-                f"{relative_rms(radiance, truth.radiance, seen):.3f}",
-                f"{relative_rms(radiance, truth.radiance, near):.3f}",
+                f"{glossy.relative_rms(radiance, truth.radiance, seen):.3f}",
+                f"{glossy.relative_rms(radiance, truth.radiance, near):.3f}",
                 f"{noise:.4f}",
             ))  # fmt: skip
             shown.append(radiance)
