@@ -17,12 +17,16 @@ Float64Array = npt.NDArray[np.float64]
 Policy = Literal["error", "clamp", "keep"]
 Precision = Literal["single", "double"]
 
+MOST = 2**63 - 1  # largest whole number of the kernels
 UNIT_TOLERANCE = 1e-3  # how far from 1 the length of a "unit" vector may be
 
 
 def fail(name: str, rule: str, value: object) -> ValueError:
-    """The one form of a refusal: argument, rule, value."""
-    text = repr(value)
+    """The one form of a refusal, on one line: argument, rule, value."""
+    try:
+        text = " ".join(repr(value).split())
+    except (ValueError, RecursionError):  # an integer of thousands of digits; lists without end
+        text = f"a value of type {type(value).__name__} that is too long to print"
     return ValueError(f"{name}: {rule}, got {text if len(text) <= 80 else text[:77] + '...'}")
 
 
@@ -33,13 +37,23 @@ def shortened(text: str, limit: int = 300) -> str:
 
 
 def array(name: str, value: npt.ArrayLike, dtype: type = np.float64) -> npt.NDArray[np.floating]:
-    """Anything NumPy converts to real numbers, as a C-ordered array of ``dtype``."""
+    """Anything NumPy converts to real numbers, as a C-ordered array of ``dtype``.
+
+    Texts, dates and truth values are no numbers, but an array of truth values is one of 0 and 1;
+    masked elements have no value; numbers that ``dtype`` cannot hold are refused.
+    """
+    if np.ma.is_masked(value):
+        raise fail(name, "must not have masked elements", value)
     try:
         raw = np.asarray(value)
-        if raw.dtype.kind == "c":
+        listed = value if isinstance(value, list | tuple) else (value,)
+        if raw.dtype.kind not in "fiubO" or any(isinstance(v, bool) for v in listed):
             raise TypeError
-        return np.ascontiguousarray(raw, dtype=dtype) if raw.ndim else raw.astype(dtype)
-    except (TypeError, ValueError):
+        with np.errstate(over="raise"):
+            return np.ascontiguousarray(raw, dtype=dtype) if raw.ndim else raw.astype(dtype)
+    except (FloatingPointError, OverflowError):
+        raise fail(name, f"must fit {np.dtype(dtype).name}", value) from None
+    except (TypeError, ValueError, RecursionError):
         raise fail(name, "must be an array of real numbers", value) from None
 
 
@@ -55,9 +69,13 @@ def frozen(value: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def number(name: str, value: object) -> float:
-    """A finite real number."""
+    """A finite real number; texts, truth values and masked elements are none."""
     try:
+        if isinstance(value, str | bytes | bool | np.bool_) or np.ma.is_masked(value):
+            raise TypeError
         result = float(value)  # type: ignore[arg-type]  # the except clause is the check
+    except OverflowError:
+        raise fail(name, "must fit float64", value) from None
     except (TypeError, ValueError):
         raise fail(name, "must be a number", value) from None
     if not math.isfinite(result):
@@ -90,13 +108,15 @@ def positive(name: str, value: object) -> float:
 
 
 def count(name: str, value: object, low: int = 1, high: int | None = None) -> int:
-    """A whole number of at least ``low``, at most ``high``; True and 2.5 are refused."""
+    """A whole number of at least ``low``, at most ``high`` (2^63 - 1); True, 2.5 are refused."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool | np.bool_)
     if not whole:
         raise fail(name, "must be a whole number", value)
     result: int = int(value)  # type: ignore[call-overload]
-    if result < low or (high is not None and result > high):
-        rule = f"must be at least {low}" if high is None else f"must be from {low} to {high}"
+    if result < low or result > (MOST if high is None else high):
+        rule = f"must be from {low} to {high}"
+        if high is None:
+            rule = f"must be at least {low}" if result < low else "must be below 2^63"
         raise fail(name, rule, value)
     return result
 
