@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from processes import interruptible
 
 from glossy.cli import main
 from glossy.image import read_image, read_planes
@@ -242,7 +243,7 @@ def test_an_interrupted_study_is_one_line_and_keeps_its_cells(
         "--methods", "regular/paper,importance", "--samples", "7,14", "--repeats", "40",
         "-o", str(folder),
     ]  # fmt: skip
-    program = [sys.executable, "-m", "glossy.cli", *args]
+    program = interruptible(*args)
     with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         while process.poll() is None and not list(folder.glob("cells/*.json")):
             time.sleep(0.005)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from processes import interruptible
 from test_study import errors, study
 from test_study_keeping import small
 
@@ -90,12 +91,7 @@ def test_the_interrupt_key_keeps_what_is_finished(tmp_path: pathlib.Path) -> Non
     """As from a terminal: every process of the group gets the signal."""
     out = tmp_path / "out"
     words = "study --env studio --size 16 --width 16 --samples 7,14,20,30 --repeats 1 --workers 1"
-    code = (
-        "import signal, sys; from glossy.cli import main\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a background job ignores it
-        "if __name__ == '__main__': sys.exit(main(sys.argv[1:]))"
-    )
-    command = [sys.executable, "-c", code, *words.split(), "-o", str(out)]
+    command = interruptible(*words.split(), "-o", str(out))
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
