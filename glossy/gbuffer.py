@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ._files import check_regular
 from .frames import SurfacePoints
 from .image_write import replacing, write_exr
 
@@ -112,6 +113,7 @@ def read_gbuffer(path: str | os.PathLike[str]) -> SurfacePoints:
     suffix = file.suffix.lower()
     if suffix not in (".npz", ".exr"):
         raise ValueError(f"{file}: a G-buffer must be .npz or .exr")
+    check_regular(file)
     found = _from_npz(file) if suffix == ".npz" else _from_exr(file)
     for name in ("normal", "view"):
         if name not in found:

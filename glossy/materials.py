@@ -11,16 +11,14 @@ the formats.
 """
 
 import dataclasses
-import json
-import math
 import pathlib
-import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from . import _check
+from ._files import read_table
 from .brdf import Lobe, Material
 from .chosen import CHOSEN
 from .frames import spherical
@@ -173,7 +171,7 @@ def parse_material(text: str | pathlib.Path) -> Material:
     """
     path = pathlib.Path(text)
     if path.suffix.lower() in (".toml", ".json"):
-        return _from_file(path)
+        return material_from_dict(read_table(path), str(path))
     if "=" in str(text):
         return _from_line(str(text))
     if str(text) not in material_names():
@@ -205,17 +203,6 @@ def _from_line(text: str) -> Material:
     flat = {key: value for key, value in values.items() if key in FLAT_KEYS}
     lobe = {key: value for key, value in values.items() if key not in FLAT_KEYS}
     return material_from_dict({**flat, "reflection": [lobe] if lobe else []}, "material")
-
-
-def _from_file(path: pathlib.Path) -> Material:
-    data = path.read_bytes()
-    try:
-        text = data.decode("utf-8-sig")
-        value = json.loads(text) if path.suffix.lower() == ".json" else tomllib.loads(text)
-    except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        kind = path.suffix[1:].upper()
-        raise ValueError(f"{path}: must be {kind}, got {' '.join(str(error).split())}") from None
-    return material_from_dict(value, str(path))
 
 
 def material_from_dict(value: object, where: str = "material") -> Material:
@@ -263,11 +250,12 @@ def _table(value: object, where: str, keys: Sequence[str]) -> Mapping[str, Any]:
 
 
 def _value(value: object, where: str) -> Any:
-    """A number, or a list of numbers; strings and booleans are not numbers in a file."""
-    items = value if isinstance(value, list) else [value]
-    for item in items:
-        if isinstance(item, bool) or not isinstance(item, int | float) or not math.isfinite(item):
-            raise _check.fail(where, "must be a finite number or three (RGB)", value)
+    """A number, or a list of numbers."""
+    try:
+        for item in value if isinstance(value, list) else [value]:
+            _check.number(where, item)
+    except ValueError:
+        raise _check.fail(where, "must be a finite number or three (RGB)", value) from None
     return value
 
 

@@ -30,11 +30,11 @@ A file with ``[[objects]]`` is a scene of objects instead: docs/scenes.md.
 import dataclasses
 import os
 import pathlib
-import tomllib
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from . import _check
+from ._files import read_toml
 from .camera import Camera, Plane, Shape, Sphere, default_camera, surface_points
 from .frames import SurfacePoints
 
@@ -251,11 +251,13 @@ def _beside(text: str, folder: pathlib.Path) -> str:
     A pattern with ``*`` is relative to the scene file if it matches files there.
     """
     there = folder / text
-    found = there.exists() or ("*" in there.name and any(there.parent.glob(there.name)))
+    found = os.path.exists(there) or ("*" in there.name and any(there.parent.glob(there.name)))
     return str(there) if found else text
 
 
-def load_scene(path: str | os.PathLike[str]) -> "Scene | ObjectScene":
+def load_scene(
+    path: str | os.PathLike[str], folder: str | os.PathLike[str] | None = None
+) -> "Scene | ObjectScene":
     """Read a scene file; paths in it are relative to it.
 
     Parameters
@@ -263,6 +265,8 @@ def load_scene(path: str | os.PathLike[str]) -> "Scene | ObjectScene":
     path : str or Path
         A file, or a built-in scene: ``room``, ``showroom``, ``hall``. Write ``./room`` for a
         file of that name.
+    folder : str or Path, optional
+        What paths in the file are relative to; its own folder by default.
 
     Returns
     -------
@@ -278,17 +282,17 @@ def load_scene(path: str | os.PathLike[str]) -> "Scene | ObjectScene":
     from .scenes.builtin import builtin_scene
 
     file = builtin_scene(str(path)) or pathlib.Path(path)
-    if not file.is_file():
+    if not os.path.exists(file):
         raise FileNotFoundError(f"{file}: no such scene file")
-    with file.open("rb") as stream:
-        try:
-            data = tomllib.load(stream)
-            if "objects" in data:
-                from .scenes.load import parse
+    data = read_toml(file)
+    here = file.parent if folder is None else pathlib.Path(folder)
+    try:
+        if "objects" in data:
+            from .scenes.load import parse
 
-                return parse(data, file.parent)
-            return _parse(data, file.parent)
-        except FileNotFoundError as error:
-            raise FileNotFoundError(f"{file}: {_check.shortened(str(error))}") from None
-        except (ValueError, TypeError, RecursionError) as error:
-            raise ValueError(f"{file}: {_check.shortened(str(error))}") from None
+            return parse(data, here)
+        return _parse(data, here)
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"{file}: {_check.shortened(str(error))}") from None
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{file}: {_check.shortened(str(error))}") from None

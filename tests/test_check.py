@@ -25,7 +25,7 @@ NOT_ARRAYS = [
 
 
 def refusal(make: Any, *given: Any) -> str:
-    with pytest.raises(ValueError, match="^x: must ") as error:
+    with pytest.raises(ValueError, match=r"^x: must ") as error:
         make("x", *given)
     text = str(error.value)
     assert "\n" not in text

@@ -1,6 +1,7 @@
 """Cameras, shapes, scene files and G-buffers against closed forms."""
 
 import math
+import os
 import pathlib
 from collections.abc import Callable
 from typing import Any
@@ -16,6 +17,7 @@ from glossy import read_environment, write_image
 from glossy import scene as scenes
 from glossy.frames import SurfacePoints, normalise
 from glossy.gbuffer import pick_channels, read_gbuffer, write_gbuffer
+from glossy.materials import parse_material
 from glossy.scene import (
     Camera,
     EnvironmentSource,
@@ -250,7 +252,7 @@ def test_six_png_faces_by_a_pattern_beside_the_scene_file(tmp_path: pathlib.Path
         ("material = 3", "material: must be"),
         ("gbuffer = 'a.npz'\n[shape]\nradius = 2", "gbuffer: stands for"),
         ("camera = 3", "camera: must be a table"),
-        ("[camera", "Expected"),
+        ("[camera", "must be TOML, got Expected"),
     ],
 )
 def test_bad_scene_files_name_the_file_and_the_key(
@@ -258,6 +260,61 @@ def test_bad_scene_files_name_the_file_and_the_key(
 ) -> None:
     with pytest.raises(ValueError, match=rf"scene\.toml: {words}"):
         load_scene(write(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (f"[camera]\nfov = 1{'0' * 400}", "fov: must fit float64"),
+        (f"[camera]\nwidth = 1{'0' * 400}", "width: must be from 1 to"),
+        (f"[camera]\nfov = 1{'0' * 9000}", "must be TOML, got Exceeds the limit"),
+        (f"[camera]\nposition = [1{'0' * 400}, 0, 0]", "position: must fit"),
+        ("[camera]\nfov = true", "fov: must be a number"),
+        ("[camera]\nfov = 2020-01-01", "fov: must be a number"),
+        ("[camera]\nposition = [0, 1, true]", "position: must be an array of real numbers"),
+        ("[camera]\nposition = ['0', '1', '2']", "position: must be an array of real numbers"),
+        (f"[camera]\nfov = {'[' * 9000}{']' * 9000}", "must be TOML, got tables nested too deeply"),
+        (f"[shape]\nradius = 1{'0' * 400}", "radius: must fit"),
+        ("[shape]\nradius = '1'", "radius: must be a number"),
+        ("[material]\nkd = true", "material: kd: must be a finite number"),
+        (f"[material]\nkd = 1{'0' * 400}", "material: kd: must be a finite number"),
+        (f"[method]\nsamples = 1{'0' * 400}", "samples: must be below 2"),
+        (f"[environment]\nsize = 1{'0' * 400}", "size: must be below 2"),
+        (f"[environment]\nsource = '{'x' * 5000}'\nsize = true", "size: must be a whole number"),
+    ],
+)
+def test_numbers_that_are_none_or_too_large_are_one_line(
+    tmp_path: pathlib.Path, text: str, words: str
+) -> None:
+    with pytest.raises(ValueError, match=rf"scene\.toml: {words}") as error:
+        load_scene(write(tmp_path, text))
+    assert len(str(error.value)) < 500
+    assert "\n" not in str(error.value)
+
+
+def test_a_byte_order_mark_is_skipped(tmp_path: pathlib.Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_bytes(b"\xef\xbb\xbfmaterial = 'mx=.2'\n")
+    scene = load_scene(path)
+    assert isinstance(scene, Scene)
+    assert scene.material == "mx=.2"
+
+
+def test_an_empty_file_is_the_default_scene(tmp_path: pathlib.Path) -> None:
+    assert load_scene(write(tmp_path, "")) == Scene(camera=default_camera(Sphere()))
+
+
+@pytest.mark.parametrize("read", [load_scene, parse_material, read_gbuffer])
+def test_what_has_no_end_is_refused_unopened(tmp_path: pathlib.Path, read: Any) -> None:
+    for suffix in (".toml", ".json") if read is not read_gbuffer else (".npz", ".exr"):
+        pipe = tmp_path / f"pipe{suffix}"
+        os.mkfifo(pipe)
+        with pytest.raises(OSError, match="is not a regular file"):
+            read(pipe)
+        endless = tmp_path / f"zero{suffix}"
+        endless.symlink_to("/dev/zero")
+        with pytest.raises(OSError, match="is not a regular file"):
+            read(endless)
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..frames import spherical
-from ._files import read_text
+from .._files import read_text
 from .solid_angle import solid_angles
 from .table import HORIZON, MeasuredTable
 

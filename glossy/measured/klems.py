@@ -21,7 +21,7 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from ._files import read_text
+from .._files import read_text
 from .table import MeasuredTable
 
 Float64Array = npt.NDArray[np.float64]

@@ -24,7 +24,7 @@ import numpy.typing as npt
 from .. import _check
 from .._jit import Scalar, parallel_kernel
 from ..frames import reflect, spherical
-from ._files import read_bytes
+from .._files import read_bytes
 from .table import MeasuredTable
 
 Float64Array = npt.NDArray[np.float64]

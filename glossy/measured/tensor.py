@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ._files import read_bytes
+from .._files import read_bytes
 
 MAGIC = b"tensor_file\0"
 TYPES = {

@@ -18,7 +18,7 @@ import pathlib
 import numpy as np
 
 from ..frames import spherical
-from ._files import read_text
+from .._files import read_text
 from .table import HORIZON, MeasuredTable
 
 ANGLES = ("theta_i", "phi_i", "theta_o", "phi_o")

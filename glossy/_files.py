@@ -1,0 +1,103 @@
+"""Bytes of a file, with the refusals that all readers share."""
+
+import json
+import os
+import pathlib
+import stat
+import tomllib
+from collections.abc import Callable
+from typing import Any
+
+from . import _check
+
+MOST_BYTES = 1 << 30
+MOST_TABLE = 1 << 24  # a scene or a material of more is none
+
+Path = str | os.PathLike[str]
+
+
+def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
+    """All of a regular file that is neither empty nor longer than ``most``.
+
+    Raises
+    ------
+    OSError
+        As ``check_regular``, and for no permission.
+    ValueError
+        Empty, or too long.
+    """
+    data = _contents(path, most)
+    if not data:
+        raise ValueError(f"{os.fspath(path)}: is empty")
+    return data
+
+
+def check_regular(path: Path) -> int:
+    """Size of a regular file. Devices, pipes and sockets are never opened: some have no end.
+
+    Raises
+    ------
+    OSError
+        No such file, a directory, no regular file.
+    """
+    name = os.fspath(path)
+    try:
+        status = os.stat(name)
+    except OSError as error:
+        raise type(error)(f"{name}: {(error.strerror or 'unreadable').lower()}") from None
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(f"{name}: is a directory, not a regular file")
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError(f"{name}: is not a regular file")
+    return status.st_size
+
+
+def _contents(path: Path, most: int) -> bytes:
+    name, size = os.fspath(path), check_regular(path)
+    if size > most:
+        raise ValueError(f"{name}: has {size} bytes, more than the limit of {most}")
+    try:
+        with open(name, "rb") as file:
+            return file.read(most)
+    except OSError as error:
+        raise type(error)(f"{name}: {(error.strerror or 'unreadable').lower()}") from None
+
+
+def read_text(path: Path) -> str:
+    """All of a text file, UTF-8 or Latin-1; a file with zero bytes is not text."""
+    data = read_bytes(path)
+    if b"\0" in data:
+        raise ValueError(f"{os.fspath(path)}: is not a text file")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """What a TOML file holds; UTF-8, a byte order mark is skipped.
+
+    Raises
+    ------
+    OSError, ValueError
+        As ``read_bytes`` but for empty files, and for text that is not TOML.
+    """
+    return dict(_parsed(path, "TOML", tomllib.loads))
+
+
+def read_table(path: Path) -> Any:
+    """What a file holds, JSON if its suffix says so and TOML otherwise; see ``read_toml``."""
+    if pathlib.Path(path).suffix.lower() == ".json":
+        return _parsed(path, "JSON", json.loads)
+    return read_toml(path)
+
+
+def _parsed(path: Path, kind: str, parse: Callable[[str], Any]) -> Any:
+    data = _contents(path, MOST_TABLE)
+    try:
+        return parse(data.decode("utf-8-sig"))
+    except RecursionError:
+        reason = "tables nested too deeply"
+    except ValueError as error:  # bad syntax, bad UTF-8, numbers of thousands of digits
+        reason = str(error)
+    raise ValueError(f"{os.fspath(path)}: must be {kind}, got {_check.shortened(reason)}")
