@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _check, methods
-from .._jit import sources_of
+from .._sources import sources_of
 from ..cubemap import CubeMap
 from ..irradiance import irradiance_map
 from ..pyramid import build_pyramid
