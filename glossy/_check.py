@@ -151,21 +151,42 @@ def vectors(name: str, value: npt.ArrayLike, dtype: type = np.float64) -> FloatA
     v = array(name, value, dtype)
     if v.ndim == 0 or v.shape[-1] != 3:
         raise fail(name, "must have shape (..., 3)", v.shape)
-    if not np.all(np.isfinite(v)):
-        raise fail(name, "must be finite", v[~np.isfinite(v).all(axis=-1)][0].tolist())
-    zero = ~v.any(axis=-1)
+    bad = ~np.isfinite(v).all(axis=-1)
+    if bad.any():
+        raise fail(name, f"must be finite{first_place(bad)}", v[bad][0].tolist())
+    zero = np.asarray(~v.any(axis=-1))
     if zero.any():
-        raise fail(name, "must not contain a zero vector", f"{int(zero.sum())} of them")
+        rule = f"must not contain a zero vector{first_place(zero)}"
+        raise fail(name, rule, f"{int(zero.sum())} of them")
     return v
+
+
+def first_place(where: npt.NDArray[np.bool_]) -> str:
+    """Where the first True is, in words: a pixel of a picture (column, row), else an index."""
+    index = [int(i) for i in np.unravel_index(int(np.argmax(where)), where.shape)]
+    if len(index) == 2:
+        return f" (pixel {index[1]},{index[0]})"
+    return f" (index {', '.join(str(i) for i in index)})" if index else ""
+
+
+def truth_values(name: str, value: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    """An array of True and False, a C-ordered copy; of numbers, 0 is False."""
+    try:
+        raw = np.asarray(value)
+    except (TypeError, ValueError, RecursionError):
+        raw = np.asarray(None)
+    if raw.dtype.kind not in "biuf" or np.ma.is_masked(value) or np.any(raw != raw):
+        raise fail(name, "must be an array of truth values", value)
+    return np.array(raw, dtype=bool, order="C")
 
 
 def unit_vectors(name: str, value: npt.ArrayLike) -> Float64Array:
     """An array (..., 3) of vectors of length 1 within ``UNIT_TOLERANCE``, renormalised."""
     v = vectors(name, value).astype(np.float64, copy=False)
     length = np.sqrt(np.einsum("...i,...i->...", v, v))
-    off = np.abs(length - 1.0) > UNIT_TOLERANCE
+    off = np.asarray(np.abs(length - 1.0) > UNIT_TOLERANCE)
     if off.any():
-        rule = f"must be unit vectors within {UNIT_TOLERANCE:g}"
+        rule = f"must be unit vectors within {UNIT_TOLERANCE:g}{first_place(off)}"
         raise fail(name, rule, f"length {float(length[off].flat[0]):.6g}")
     return np.ascontiguousarray(v / length[..., None])
 

@@ -25,7 +25,7 @@ quadrant-correct azimuth. Sampling in slopes is its eqs. 6-7 without the detour 
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import cast
 
 import numba
@@ -33,6 +33,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check, mixture
+from ._arguments import require
 from ._jit import kernel, parallel_kernel
 
 FloatArray = npt.NDArray[np.floating]
@@ -351,7 +352,9 @@ class Material:
             raise _check.fail("kd_falloff", "must be True or False", self.kd_falloff)
         for name in ("reflection", "transmission"):
             lobes = getattr(self, name)
-            lobes = (lobes,) if isinstance(lobes, Lobe) else tuple(lobes)
+            lobes = (lobes,) if isinstance(lobes, Lobe) else lobes
+            require(name, lobes, Iterable)
+            lobes = tuple(lobes)
             for lobe in lobes:
                 if not isinstance(lobe, Lobe):
                     raise _check.fail(name, "must be a sequence of Lobe", lobe)

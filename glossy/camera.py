@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check
+from ._arguments import checked
 from .frames import SurfacePoints, dot, normalise, sphere_tangent
 
 Float64Array = npt.NDArray[np.float64]
@@ -158,6 +159,7 @@ class Plane:
 Shape = Sphere | Plane
 
 
+@checked
 def surface_points(camera: Camera, shape: Shape) -> SurfacePoints:
     """What each pixel of ``camera`` sees of ``shape``.
 
@@ -175,6 +177,7 @@ def surface_points(camera: Camera, shape: Shape) -> SurfacePoints:
     return SurfacePoints(normalise(normal), tangent, -rays, hit, position)
 
 
+@checked
 def default_camera(shape: Shape, width: int = 256, height: int = 256) -> Camera:
     """A camera that shows ``shape``: a sphere fills 96 % of the shorter side; a plane's horizon."""
     for name, pixels in (("width", width), ("height", height)):

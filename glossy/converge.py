@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check
+from ._arguments import checked
 from .brdf import Lobe, Material
 from .cubemap import CubeMap
 from .frames import SurfacePoints
@@ -153,6 +154,7 @@ def accumulate(
             return
 
 
+@checked
 def converge(
     points: SurfacePoints,
     material: Material | Lobe,
@@ -202,6 +204,8 @@ def converge(
     """
     from .shading import shade
 
+    if time_limit is not None:
+        _check.positive("time_limit", time_limit)
     limits = Limits(target_error, time_limit, passes)
     start = time.perf_counter()
     found = reference_passes(points, material, cube, "qmc", samples, seed=seed, parallax=parallax)
@@ -210,6 +214,7 @@ def converge(
     return accumulate(shown, truths, limits, start)
 
 
+@checked
 def converge_scene(
     scene: Scene, limits: Limits, samples: int = SAMPLES, seed: int = 0
 ) -> tuple[SurfacePoints, CubeMap, Iterator[Convergence]]:

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check
+from ._arguments import checked
 
 Plane = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]
@@ -64,6 +65,7 @@ def round_up(value: float) -> float:
     return next(step for step in steps if step >= value)
 
 
+@checked
 def difference_picture(
     a: npt.ArrayLike,
     b: npt.ArrayLike,

@@ -28,6 +28,7 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 
 from . import _check
+from ._arguments import checked
 from .albedo import unit_integrals
 from .frames import spherical
 
@@ -117,6 +118,7 @@ class Energy:
         return {**plain, "conserved": self.conserved}
 
 
+@checked
 def energy(material: "Material", theta: npt.ArrayLike | None = None) -> Energy:
     """Reflectivity and transmissivity of a material over its directions, and where r + t > 1.
 
@@ -135,7 +137,7 @@ def energy(material: "Material", theta: npt.ArrayLike | None = None) -> Energy:
     if theta is None:
         theta = np.array([*range(0, 90, 5), 87.0, 89.0, 89.9])
     angles = np.atleast_1d(np.asarray(_check.array("theta", theta), dtype=np.float64))
-    if angles.ndim != 1 or not np.all((angles >= 0.0) & (angles < 90.0)):
+    if angles.ndim != 1 or not angles.size or not np.all((angles >= 0.0) & (angles < 90.0)):
         raise _check.fail("theta", "must be angles in [0, 90)", angles.tolist())
     isotropic = all(lobe.mx == lobe.my for lobe in material.lobes)
     phi = np.zeros(1) if isotropic else np.arange(0.0, 91.0, 15.0)

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check, builtin, layouts
+from ._arguments import checked, require
 from .cubemap import MAX_SIZE, CubeMap
 from .image import read_image
 
@@ -117,7 +118,9 @@ def _read_faces(path: object, encoding: str | None) -> tuple[str, Float32Array, 
     if isinstance(path, str | os.PathLike):
         name, files = os.fspath(path), layouts.find_faces(path)
     else:
-        files = [pathlib.Path(p) for p in path]  # type: ignore[attr-defined]  # is_face_set
+        for file in path:  # type: ignore[attr-defined]  # is_face_set
+            require("path", file, pathlib.Path)
+        files = [pathlib.Path(p) for p in path]  # type: ignore[attr-defined]
         name = "path"
         if len(files) != 6:
             raise _check.fail("path", "must be six files, +X -X +Y -Y +Z -Z", f"{len(files)}")
@@ -134,6 +137,7 @@ def _read_faces(path: object, encoding: str | None) -> tuple[str, Float32Array, 
     return "faces", np.stack(faces), name
 
 
+@checked
 def read_environment(
     path: Path | Sequence[Path],
     size: int | None = DEFAULT_SIZE,

@@ -6,19 +6,27 @@ and has unit length: ``wo`` to the viewer, ``wi`` to the light, ``wh`` half way 
 
 import dataclasses
 import functools
+import warnings
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _check
+from ._arguments import require
 
 Float64Array = npt.NDArray[np.float64]
+
+AWAY = 0.01  # a view may lie below the horizon by this cosine: normals of 8 bits do at silhouettes
 
 
 def normalise(v: npt.ArrayLike) -> Float64Array:
     """Unit vectors (..., 3) along ``v`` (..., 3); extreme lengths do not overflow."""
-    a = _check.vectors("v", v).astype(np.float64, copy=False)
+    return _normalised("v", v)
+
+
+def _normalised(name: str, v: npt.ArrayLike) -> Float64Array:
+    a = _check.vectors(name, v).astype(np.float64, copy=False)
     a = a / np.abs(a).max(axis=-1, keepdims=True)
     return np.asarray(a / np.linalg.norm(a, axis=-1, keepdims=True))
 
@@ -77,7 +85,9 @@ class SurfacePoints:
     Parameters
     ----------
     normal, view : (..., 3) array
-        Unit within 1e-3, then renormalised. World coordinates; ``view`` leaves the surface.
+        Unit within 1e-3, then renormalised. World coordinates; ``view`` leaves the surface: points
+        whose view lies below their horizon come out black, and are warned of if it is by more than
+        ``AWAY``.
     tangent : (..., 3) array, optional
         Direction of ``mx``. Made perpendicular to the normal; the sphere's field by default.
     mask : (...) array of bool, optional
@@ -86,12 +96,14 @@ class SurfacePoints:
     position : (..., 3) array, optional
         Where the points are, world coordinates. Only lookups that depend on the place
         (``BoundingPlanes``) need it; without them light is infinitely far away.
+    normalise : bool
+        Take vectors of any length but zero, as integers of 8 or 10 bits decode to.
 
     Raises
     ------
     ValueError
-        For a wrong shape, a vector that is not unit, a tangent along the normal, or a position
-        that is not finite.
+        For a wrong shape, a vector that is not unit (with its pixel), a tangent along the normal,
+        or a position that is not finite.
     """
 
     normal: Float64Array
@@ -107,6 +119,21 @@ class SurfacePoints:
         view: npt.ArrayLike | None = None,
         mask: npt.ArrayLike | None = None,
         position: npt.ArrayLike | None = None,
+        *,
+        normalise: bool = False,
+    ) -> None:
+        require("normalise", normalise, bool)
+        self._fill(normal, tangent, view, mask, position, normalise)
+        self._warn_of_views()
+
+    def _fill(
+        self,
+        normal: npt.ArrayLike,
+        tangent: npt.ArrayLike | None,
+        view: npt.ArrayLike | None,
+        mask: npt.ArrayLike | None,
+        position: npt.ArrayLike | None,
+        normalise: bool = False,
     ) -> None:
         if view is None:
             raise _check.fail("view", "is required", None)
@@ -124,21 +151,24 @@ class SurfacePoints:
         t = None if t is None else np.broadcast_to(t, shape)
         seen = None
         if mask is not None:
-            seen = np.array(mask, dtype=bool, order="C")  # a copy: it is made read-only
+            seen = _check.truth_values("mask", mask)  # a copy: it is made read-only
             if seen.shape != shape[:-1]:
                 raise _check.fail("mask", f"must have shape {shape[:-1]}", seen.shape)
             up, side = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
             n, v = np.where(seen[..., None], n, up), np.where(seen[..., None], v, up)
             t = None if t is None else np.where(seen[..., None], t, side)
-        n, v = _check.unit_vectors("normal", n), _check.unit_vectors("view", v)
+        unit = _normalised if normalise else _check.unit_vectors
+        n, v = unit("normal", n), unit("view", v)
         if t is None:
             t = sphere_tangent(n)
         else:
-            t = _check.unit_vectors("tangent", t)
+            t = unit("tangent", t)
             t = t - dot(t, n)[..., None] * n
             length = np.linalg.norm(t, axis=-1)
-            if np.any(length < 1e-3):
-                raise _check.fail("tangent", "must not lie along the normal", "a parallel pair")
+            along = length < 1e-3
+            if np.any(along):
+                rule = f"must not lie along the normal{_check.first_place(along)}"
+                raise _check.fail("tangent", rule, "a parallel pair")
             t = t / length[..., None]
         where = None if x is None else _positions(x, shape, seen)
         parts = {"normal": n, "tangent": t, "view": v, "mask": seen, "position": where}
@@ -146,6 +176,13 @@ class SurfacePoints:
             if value is not None:
                 value.flags.writeable = False
             object.__setattr__(self, name, value)
+
+    def _warn_of_views(self) -> None:
+        away = (dot(self.normal, self.view) < -AWAY) & self.coverage
+        if away.any():
+            text = f"view: {int(away.sum())} of {int(self.coverage.sum())} points look into the "
+            text += f"surface{_check.first_place(away)} and come out black; views must leave it"
+            warnings.warn(text, stacklevel=3)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -185,7 +222,9 @@ class SurfacePoints:
         """The points selected by a NumPy index over ``shape``."""
         pick = None if self.mask is None else self.mask[key]
         where = None if self.position is None else self.position[key]
-        return SurfacePoints(self.normal[key], self.tangent[key], self.view[key], pick, where)
+        part = object.__new__(SurfacePoints)
+        part._fill(self.normal[key], self.tangent[key], self.view[key], pick, where)
+        return part
 
 
 def _positions(

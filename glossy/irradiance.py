@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check
+from ._arguments import checked
 from .brdf import Material
 from .cubemap import CubeMap, texel_directions
 from .frames import normalise
@@ -24,6 +25,7 @@ TOLERANCE = 1e-4
 WORK = 2_000_000
 
 
+@checked
 def irradiance(cube: CubeMap, normal: npt.ArrayLike) -> Float64Array:
     """Irradiance (..., 3) float64 on surfaces of ``normal`` (..., 3), eq. (1); no factor 1/pi.
 
@@ -51,6 +53,7 @@ def irradiance(cube: CubeMap, normal: npt.ArrayLike) -> Float64Array:
     return value.reshape(n.shape)
 
 
+@checked
 def irradiance_map(cube: CubeMap, size: int = 32) -> CubeMap:
     """Irradiance at the texel centres of a small cube map; look normals up in it.
 

@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check
+from ._arguments import checked
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -64,13 +65,16 @@ class BoundingPlanes:
     blend: float
     footprint: str
 
+    @checked
     def __init__(
         self, centre: Any, planes: Iterable[Any], blend: float = 0.0, footprint: str = "thesis"
     ) -> None:
         rows = []
         for k, plane in enumerate(planes):
-            pair = (plane.point, plane.normal) if hasattr(plane, "normal") else tuple(plane)
-            if len(pair) != 2:
+            pair = plane
+            if hasattr(plane, "point") and hasattr(plane, "normal"):
+                pair = (plane.point, plane.normal)
+            if not isinstance(pair, list | tuple | np.ndarray) or len(pair) != 2:
                 raise _check.fail(f"planes[{k}]", "must be a point and a normal", plane)
             point = _vector(f"planes[{k}] point", pair[0])
             normal = np.array(_vector(f"planes[{k}] normal", pair[1]))

@@ -27,6 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check
+from ._arguments import checked
 from ._jit import Scalar, kernel, parallel_kernel
 from ._rows import LANES, LINE, OUTPUT_ROWS, halve_rows, quarter_rgb
 from .cubemap import MAX_SIZE, CubeMap
@@ -196,6 +197,7 @@ class Pyramid:
         For a wrong shape or size, or NaN or infinite texels.
     """
 
+    @checked
     def __init__(self, levels: Sequence[npt.ArrayLike], storage: str = "rgba32f") -> None:
         _check.choice("storage", storage, STORAGES)
         arrays = [_check.array(f"levels[{i}]", level, np.float32) for i, level in enumerate(levels)]
@@ -415,6 +417,7 @@ def subtexel_steps(bits: int | None) -> float:
     return 0.0 if bits is None else float(1 << _check.count("subtexel_bits", bits, high=20))
 
 
+@checked
 def build_pyramid(cube: CubeMap, filter: str = "gauss6", storage: str = "rgba32f") -> Pyramid:
     """MIP pyramid of a cube map down to size 1.
 

@@ -27,6 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check
+from ._arguments import checked
 from .brdf import Lobe, Material
 from .cubemap import CubeMap
 from .frames import SurfacePoints
@@ -72,6 +73,7 @@ class Truth:
     samples: IntArray
 
 
+@checked
 def reference(
     points: SurfacePoints,
     material: Any,
@@ -135,6 +137,7 @@ def reference(
     return last
 
 
+@checked
 def reference_passes(
     points: SurfacePoints,
     material: Any,
@@ -156,10 +159,6 @@ def reference_passes(
     goal = None if tolerance is None else _check.positive("tolerance", tolerance)
     default = WORK if estimator == "texels" else SAMPLES if goal is None else MOST_SAMPLES
     most = _check.count("samples", default if samples is None else samples, low=2)
-    if not isinstance(points, SurfacePoints):
-        raise _check.fail("points", "must be SurfacePoints", type(points).__name__)
-    if not isinstance(cube, CubeMap):
-        raise _check.fail("cube", "must be a CubeMap", type(cube).__name__)
     check_finite(cube)
     shown = shown_material(material, diffuse)
     seen, frames, views = seen_points(points)
@@ -184,8 +183,6 @@ def seen_points(points: SurfacePoints) -> tuple[IntArray, Float64Array, Float64A
 def _plane_light(
     points: SurfacePoints, cube: CubeMap, planes: BoundingPlanes, seen: IntArray
 ) -> PlaneLight:
-    if not isinstance(planes, BoundingPlanes):
-        raise _check.fail("parallax", "must be BoundingPlanes", type(planes).__name__)
     if points.position is None:
         raise _check.fail("points", "must have positions for parallax", None)
     return PlaneLight(cube, planes, points.position.reshape(-1, 3)[seen])
@@ -261,7 +258,9 @@ def shown_material(material: Any, diffuse: bool) -> Any:
         material = Material(reflection=[material])
     if isinstance(material, Material):
         return material if diffuse else dataclasses.replace(material, **NO_DIFFUSE)
-    missing = [n for n in ("eval", "sample", "pdf") if not callable(getattr(material, n, None))]
+    names = ("eval", "sample", "pdf")
+    own = None if isinstance(material, type) else material  # a class has no material's numbers
+    missing = [n for n in names if not callable(getattr(own, n, None))]
     if missing:
         raise _check.fail(
             "material", "must have eval, sample and pdf", f"none of {', '.join(missing)}"

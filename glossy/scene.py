@@ -34,6 +34,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from . import _check
+from ._arguments import checked
 from ._files import read_toml
 from .camera import Camera, Plane, Shape, Sphere, default_camera, surface_points
 from .frames import SurfacePoints
@@ -255,6 +256,7 @@ def _beside(text: str, folder: pathlib.Path) -> str:
     return str(there) if found else text
 
 
+@checked
 def load_scene(
     path: str | os.PathLike[str], folder: str | os.PathLike[str] | None = None
 ) -> "Scene | ObjectScene":

@@ -29,6 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check, methods, tiles
+from ._arguments import checked, hints, require
 from ._jit import Scalar, kernel, parallel_kernel
 from .brdf import Lobe, Material, k_schlick, k_schlick_rest
 from .footprint import FOOTPRINTS, JACOBIAN, k_level, k_lobe_area, k_texels
@@ -343,6 +344,7 @@ def importance(
     return run_table(points, table, pyramid, precision, kernel)
 
 
+@checked
 def shade(
     points: SurfacePoints,
     material: Material | Lobe,
@@ -390,6 +392,7 @@ def shade(
     """
     function = methods.resolve(method)
     methods.check_options(method, options)
+    require("prepared", prepared, list(hints(function).values())[2])
     if isinstance(material, Lobe):
         material = Material(reflection=[material])
     dtype = _check.dtype_of(precision)
@@ -411,7 +414,7 @@ def shade(
             message = (
                 f"material has {name} > 0 but no {source} was given: the diffuse term is left out"
             )
-            warnings.warn(message, stacklevel=2)
+            warnings.warn(message, stacklevel=3)
             continue
         e = _check.array(source, given)
         try:

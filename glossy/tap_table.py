@@ -6,13 +6,14 @@ angles at which the lobe ends. ``join_rows`` makes the table of them.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _check
+from ._arguments import require
 from .brdf import Lobe, Material
 from .footprint import FOOTPRINTS, JACOBIAN, border_sines
 from .pattern import Pattern
@@ -55,6 +56,7 @@ def patterns_of(pattern: Patterns, count: int) -> list[Pattern | None]:
     """One pattern (or None) for each of ``count`` lobes."""
     if pattern is None or isinstance(pattern, Pattern):
         return [pattern] * count
+    require("pattern", pattern, Pattern | Iterable)
     patterns = list(pattern)
     if len(patterns) != count or not all(isinstance(p, Pattern) for p in patterns):
         raise _check.fail("pattern", f"must be a Pattern or {count}, one for each lobe", pattern)

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check, methods
+from ._arguments import checked
 from ._jit import Scalar, kernel
 from .brdf import Lobe, Material
 from .footprint import JACOBIAN, k_lobe_area
@@ -176,6 +177,7 @@ def _trace(
             out[k, 13 + c] = share * fresnel if estimator == BY_BRDF_COS else share
 
 
+@checked
 def trace(
     point: SurfacePoints,
     material: Material | Lobe,

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from .. import _check
+from .._arguments import checked
 from .._version import __version__
 from ..brdf import Lobe, Material
 from ..methods import METHODS
@@ -76,6 +77,7 @@ MIRRORED: Equation = (
 )
 
 
+@checked
 def export_shader(
     material: Material | Lobe,
     language: str = "glsl",
@@ -119,12 +121,12 @@ def export_shader(
         a glossy lobe, or numbers beyond single precision.
     """
     target = LANGUAGES[_check.choice("language", language, LANGUAGES)]
-    if method in METHODS and method not in EXPORTS:
+    if _check.choice("method", method, METHODS) not in EXPORTS:
         raise _check.fail(
             "method", f"must be one that a shader can be: {', '.join(EXPORTS)}", method
         )
-    module = EXPORTS[_check.choice("method", method, EXPORTS)]
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9]*", name):
+    module = EXPORTS[method]
+    if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9]*", name):
         raise _check.fail("name", "must be letters and digits, a letter first", name)
     known = module.part.__kwdefaults__
     for option, value in options.items():

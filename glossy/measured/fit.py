@@ -23,6 +23,7 @@ import numpy.typing as npt
 from tqdm import tqdm
 
 from .. import _check
+from .._arguments import checked
 from ..brdf import Lobe, Material
 from .fit_kernels import LOBE
 from .fit_metrics import METRICS, errors, finish, metric_code, model_values, transform
@@ -102,6 +103,7 @@ class Fit:
         return values
 
 
+@checked
 def fit_table(
     table: MeasuredTable,
     reflection: int = 1,

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _check
+from .._arguments import checked
 from .importance import Function, ImportanceTable, half_vector_cells
 from .interpolate import TableFunction
 from .merl import evaluate_merl, merl_table, read_merl_data
@@ -53,6 +54,7 @@ class MeasuredMaterial:
 
     kd = 0.0
 
+    @checked
     def __init__(
         self,
         table: MeasuredTable,
@@ -61,8 +63,6 @@ class MeasuredMaterial:
         symmetry: str | None = None,
         function: Function | None = None,
     ) -> None:
-        if not isinstance(table, MeasuredTable):
-            raise _check.fail("table", "must be a MeasuredTable", type(table).__name__)
         self.table = table
         self._function: Function = function or TableFunction(
             table, interpolation, quantity, symmetry
@@ -148,6 +148,7 @@ class MeasuredMaterial:
         return np.stack([weight @ f for f in both])
 
 
+@checked
 def measured_material(
     path: str | pathlib.Path,
     format: str | None = None,

@@ -3,6 +3,7 @@
 import pathlib
 
 from .. import _check
+from .._arguments import checked
 from .cornell import read_cornell
 from .klems import read_klems
 from .merl import read_merl
@@ -27,6 +28,7 @@ READERS = {
 }
 
 
+@checked
 def read_measured(path: str | pathlib.Path, format: str | None = None) -> MeasuredTable:
     """Read a file of measurements as a table.
 

@@ -27,6 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _check
+from .._arguments import checked
 from .._jit import Scalar, kernel, parallel_kernel
 from ..cubemap import CubeMap
 from ..pyramid import FILTERS, STORAGES, Pyramid, build_pyramid
@@ -279,6 +280,7 @@ def check_visibility(visibility: npt.ArrayLike, count: int, dtype: type = np.flo
     return seen
 
 
+@checked
 def partial_maps(
     cube: CubeMap,
     count: int = 48,

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _check
+from .._arguments import checked
 from ..cubemap import CubeMap, face_directions
 from ..frames import normalise
 
@@ -125,6 +126,7 @@ def _split(importance: Float64Array, parts: int) -> list[tuple[int, int, int, in
     return done
 
 
+@checked
 def regions(cube: CubeMap, count: int = 48) -> Regions:
     """Cut a cube map into regions of equal importance on each face.
 

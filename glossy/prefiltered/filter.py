@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _check
+from .._arguments import checked
 from ..cubemap import CubeMap, texel_directions
 from ..frames import normalise
 from .exact import at_angles, checked_profile, filter_directions, parts_for
@@ -123,6 +124,7 @@ class MapFilter:
         return out.reshape(axes.shape)
 
 
+@checked
 def filter_map(
     cube: CubeMap,
     angles: npt.ArrayLike,

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _check
+from .._arguments import checked
 from ..cubemap import MAX_SIZE, CubeMap, texel_directions
 from ..sampler import sample_chain
 from ..seams import PAD, fold_table, k_fill_seams
@@ -111,6 +112,7 @@ class PrefilteredMaps:
         return f"PrefilteredMaps(size={self.size}, slices={slices})"
 
 
+@checked
 def prefilter(
     cube: CubeMap,
     stacks: LobeStack | Iterable[LobeStack],

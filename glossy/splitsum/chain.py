@@ -33,6 +33,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _check
+from .._arguments import checked
 from .._jit import kernel, parallel_kernel
 from ..cubemap import CubeMap, texel_solid_angles
 from ..sampler import sample_chain
@@ -281,6 +282,7 @@ class SplitSumChain:
         return f"SplitSumChain(size={self.size})"
 
 
+@checked
 def split_sum_chain(cube: CubeMap, widths: Iterable[float] = ()) -> SplitSumChain:
     """Prefiltered chain of an environment, for the methods "split-sum", "bent" and "axis-taps".
 
@@ -297,6 +299,6 @@ def split_sum_chain(cube: CubeMap, widths: Iterable[float] = ()) -> SplitSumChai
         For a size that is not a power of two, or a negative roughness.
     """
     chain = SplitSumChain(cube)
-    for m in widths:
+    for m in [_check.in_range("widths", m, low=0.0) for m in widths]:
         chain.pair(m)
     return chain
