@@ -121,7 +121,7 @@ def _sweep(
                 peak[c, k] = value
                 place[c, k] = y0 * width + (spot if keep is None else keep[spot])
 
-    _spread(work, 1 if height * width * len(a) < SERIAL else min(blocks, _processors()))
+    spread(work, blocks, height * width * len(a))
     sums = tuple(tuple(_add(column) for column in rows.T.tolist()) for rows in table)
     pixels = height * width if mask is None else int(np.count_nonzero(mask))
     value, index, channel = min(
@@ -200,8 +200,12 @@ def _add(values: list[float]) -> float:
         return math.inf
 
 
-def _spread(work: Callable[[int, int], None], threads: int) -> None:
-    # NumPy lets other threads run during a block; each block has its own place for results
+def spread(work: Callable[[int, int], None], blocks: int, values: int) -> None:
+    """``work(first, step)`` on threads, if there are ``values`` enough; each block by one of them.
+
+    NumPy lets other threads run during a block, and each block has its own place for results.
+    """
+    threads = 1 if values < SERIAL else min(blocks, _processors())
     if threads == 1:
         work(0, 1)
         return

@@ -12,7 +12,8 @@ For a test image a and a reference b of n channel values in all, d = a - b, ::
 
 with a+ = max(a, 0). One sweep over blocks of rows that stay in the processor's cache converts the
 values to float64 and sums them pairwise; the blocks' sums are then added exactly. So the figures
-are the same for any number of threads, and no full-size temporary is made.
+are the same for any number of threads, and no full-size temporary is made. Figures of single pixels
+(outliers, percentiles) are those of `_outliers`, and cost a further sweep each when asked for.
 """
 
 import dataclasses
@@ -24,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check
+from ._outliers import count_outliers, percentiles_of
 from ._sweep import Sums, sweep
 
 Plane = npt.NDArray[Any]
@@ -55,6 +57,12 @@ class Comparison:
         No value differs.
     flip, flip_kind : float and "ldr" or "hdr", or None
         Mean FLIP error in [0, 1], if asked for.
+    max_difference, max_relative_difference : float or None
+        The tolerance X and R of a pixel, if outliers were asked for.
+    outliers, outlier_share : int and float, or None
+        Pixels with |a - b| above X + R |b| in a channel, and their share of ``pixels``.
+    percentiles : pairs (p, value), or None
+        ``value`` is the least that p percent of the pixels do not exceed by their largest |a - b|.
     """
 
     rms: float
@@ -78,14 +86,22 @@ class Comparison:
     identical: bool
     flip: float | None = None
     flip_kind: str | None = None
+    max_difference: float | None = None
+    max_relative_difference: float | None = None
+    outliers: int | None = None
+    outlier_share: float | None = None
+    percentiles: tuple[tuple[float, float], ...] | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """The figures under their names with ``"schema": 1``; infinities become None."""
+        """The figures under their names with ``"schema": 1``; infinities become None.
+
+        The percentiles are a mapping from p, as text, to the value.
+        """
         out: dict[str, Any] = {"schema": 1}
         for name, value in dataclasses.asdict(self).items():
-            if isinstance(value, float) and not math.isfinite(value):
-                value = None
-            out[name] = list(value) if isinstance(value, tuple) else value
+            out[name] = [_finite(v) for v in value] if isinstance(value, tuple) else _finite(value)
+        if self.percentiles is not None:
+            out["percentiles"] = {f"{p:.15g}": _finite(v) for p, v in self.percentiles}
         return out
 
 
@@ -167,6 +183,9 @@ def compare(
     channels: Sequence[str] | None = None,
     relative_epsilon: float = RELATIVE_EPSILON,
     log_epsilon: float = LOG_EPSILON,
+    max_difference: float | None = None,
+    max_relative_difference: float | None = None,
+    percentiles: Sequence[float] | None = None,
 ) -> Comparison:
     """Every figure of test ``a`` against reference ``b``.
 
@@ -184,6 +203,10 @@ def compare(
         R, G, B, A; Y; or numbers, by default.
     relative_epsilon, log_epsilon : float > 0
         Constants of equations (6) and (7).
+    max_difference, max_relative_difference : float >= 0, optional
+        Also count outliers: pixels with |a - b| > X + R |b| in a channel, the one not given 0.
+    percentiles : numbers from 0 to 100, optional
+        Also these percentiles of the pixels' largest |a - b|.
 
     Raises
     ------
@@ -205,6 +228,9 @@ def compare(
         flip=flip,
         relative_epsilon=relative_epsilon,
         log_epsilon=log_epsilon,
+        max_difference=max_difference,
+        max_relative_difference=max_relative_difference,
+        percentiles=percentiles,
     )
 
 
@@ -217,6 +243,9 @@ def compare_planes(
     flip: bool | str = False,
     relative_epsilon: float = RELATIVE_EPSILON,
     log_epsilon: float = LOG_EPSILON,
+    max_difference: float | None = None,
+    max_relative_difference: float | None = None,
+    percentiles: Sequence[float] | None = None,
     labels: tuple[str, str] = ("a", "b"),
 ) -> Comparison:
     """`compare` on separate channels (H, W) under the same names; errors use ``labels``."""
@@ -228,10 +257,13 @@ def compare_planes(
         _check.choice("flip", kind, ("ldr", "hdr"))
         if mask is not None:
             raise _check.fail("flip", "is a figure of whole images, without mask", flip)
+    tolerance = _tolerance(max_difference, max_relative_difference)
+    ranks = [] if percentiles is None else [_percent(p) for p in percentiles]
     names = tuple(a)
     planes_a, planes_b = list(a.values()), [b[n] for n in names]
     height, width = planes_a[0].shape
-    s = sweep(planes_a, planes_b, _mask(mask, (height, width)), names, labels, e2, e1)
+    kept = _mask(mask, (height, width))
+    s = sweep(planes_a, planes_b, kept, names, labels, e2, e1)
     error = _rms(s)
     peak_value, x, y, channel = s.largest
     flip_mean = None
@@ -239,6 +271,8 @@ def compare_planes(
         from ._flip import flip_error
 
         flip_mean = flip_error(planes_a, planes_b, str(kind), labels)
+    outside = None if tolerance is None else count_outliers(planes_a, planes_b, kept, *tolerance)
+    values = percentiles_of(planes_a, planes_b, kept, ranks) if ranks else []
     return Comparison(
         rms=error,
         relative_rms=_relative_rms(s),
@@ -263,7 +297,27 @@ def compare_planes(
         identical=peak_value == 0.0,
         flip=flip_mean,
         flip_kind=None if kind is False else str(kind),
+        max_difference=None if tolerance is None else tolerance[0],
+        max_relative_difference=None if tolerance is None else tolerance[1],
+        outliers=outside,
+        outlier_share=None if outside is None else outside / s.pixels,
+        percentiles=None if percentiles is None else tuple(zip(ranks, values, strict=True)),
     )
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _tolerance(absolute: float | None, relative: float | None) -> tuple[float, float] | None:
+    if absolute is None and relative is None:
+        return None
+    x = _check.in_range("max_difference", absolute or 0.0, 0.0)
+    return x, _check.in_range("max_relative_difference", relative or 0.0, 0.0)
+
+
+def _percent(value: float) -> float:
+    return _check.in_range("percentiles", value, 0.0, 100.0)
 
 
 def _rms(s: Sums) -> float:

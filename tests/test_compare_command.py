@@ -179,57 +179,6 @@ def test_difference_picture(folder: pathlib.Path, capfd: pytest.CaptureFixture[s
     assert (folder / "mask.png").read_bytes() == before
 
 
-@pytest.fixture
-def folders(folder: pathlib.Path) -> pathlib.Path:
-    """Folders x and y of three images, the second pair the worst, and notes beside them."""
-    for name in ("x", "y"):
-        (folder / name).mkdir()
-        (folder / name / "notes.json").write_text("{}")
-    for name, error in (("one.exr", 0.1), ("two.hdr", 0.4), ("three.exr", 0.2)):
-        image.write_image(f"x/{name}", REFERENCE + error)
-        image.write_image(f"y/{name}", REFERENCE)
-    return folder
-
-
-@pytest.mark.usefixtures("folders")
-def test_folders_are_listed_worst_first(capsys: pytest.CaptureFixture[str]) -> None:
-    out = figures(capsys, "x", "y", "--max-rms", "0.15", "--diff", "pictures")
-    assert [row["name"] for row in out["files"]] == ["two.hdr", "three.exr", "one.exr"]
-    assert [row["within_limits"] for row in out["files"]] == [False, False, True]
-    assert (out["schema"], out["within_limits"]) == (1, False)
-    assert sorted(os.listdir("pictures")) == ["one.exr.png", "three.exr.png", "two.hdr.png"]
-    capsys.readouterr()
-    assert compare("x", "y", "--max-rms", "0.15", "--peak", "4") == 1
-    printed = capsys.readouterr()
-    head, *rows = printed.out.splitlines()
-    assert "psnr (peak 4)" in head
-    names = ("two.hdr", "three.exr", "one.exr")
-    assert all(name in row for name, row in zip(names, rows, strict=True))
-    assert printed.err.count("--max-rms") == 2
-    assert "x/three.exr" in printed.err
-
-
-def test_folders_must_hold_the_same_images(
-    folders: pathlib.Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    (folders / "y" / "two.hdr").rename(folders / "kept.hdr")
-    assert "y: has no two.hdr to compare with" in refusal(capfd, "x", "y")
-    assert "y: has no two.hdr to compare with" in refusal(capfd, "y", "x")
-    (folders / "kept.hdr").rename(folders / "y" / "two.hdr")
-    (folders / "x" / "one.exr").unlink()
-    assert "x: has no one.exr" in refusal(capfd, "x", "y")
-    (folders / "empty").mkdir()
-    assert "holds no images" in refusal(capfd, "empty", "empty")
-    assert "x: is a folder and the other is not" in refusal(capfd, "x", "a.exr")
-
-
-def test_an_unusable_file_of_a_folder_is_named(
-    folders: pathlib.Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    (folders / "x" / "three.exr").write_bytes((folders / "a.exr").read_bytes()[:900])
-    assert "x/three.exr: cannot be read" in refusal(capfd, "x", "y")
-
-
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(
     ("arguments", "words"),
@@ -249,7 +198,10 @@ def test_an_unusable_file_of_a_folder_is_named(
         (["a.exr", "b.exr", "--max-pixels", "599"], "limit of 599 pixels"),
         (["a.exr", "b.exr", "--max-pixels", "0"], "--max-pixels"),
         (["a.exr", "b.exr", "--diff", "nowhere/d.png"], "its folder does not exist"),
-        (["a.exr", "moved.exr"], "differ in data window"),
+        (["a.exr", "moved.exr"], "differ in data window, (0, 0) to (29, 19) and (1, 0)"),
+        (["a.exr", "b.exr", "--mask", "moved.exr"], "moved.exr, a.exr: differ in data window"),
+        (["-", "-"], "only one of them can be standard input"),
+        (["a.exr", "b.exr", "--ignore", "*.txt"], "--ignore: is an option of folders"),
         (["a.exr", "b.exr", "--diff", "b.exr"], "b.exr: is one of the inputs"),
         (["a.exr", "b.exr", "--signed"], "options of --diff"),
         (["a.exr", "b.exr", "--channels", "R,R"], "--channels: must be different"),
@@ -330,31 +282,16 @@ def test_the_mask_goes_by_its_colours(capfd: pytest.CaptureFixture[str]) -> None
     assert "none.png: no such file" in refusal(capfd, "a.exr", "b.exr", "--mask", "none.png")
 
 
-def test_a_folder_of_masks(folders: pathlib.Path, capfd: pytest.CaptureFixture[str]) -> None:
-    (folders / "masks").mkdir()
-    for rows, name in enumerate(("one.exr", "three.exr", "two.hdr"), start=1):
-        mask = np.zeros((20, 30, 3))
-        mask[:rows] = 1.0
-        image.write_image(f"masks/{name}", mask)
-    out = figures(capfd, "x", "y", "--mask", "masks")
-    assert {row["name"]: row["pixels"] for row in out["files"]} == {
-        "one.exr": 30, "three.exr": 60, "two.hdr": 90,
-    }  # fmt: skip
-    (folders / "masks" / "three.exr").unlink()
-    assert "masks/three.exr: no such file" in refusal(capfd, "x", "y", "--mask", "masks")
-
-
-def test_json_fields(folders: pathlib.Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One image: the fields of a Comparison; a folder: a list of these, and the verdict."""
-    assert folders.is_dir()
+@pytest.mark.usefixtures("folder")
+def test_json_fields(capsys: pytest.CaptureFixture[str]) -> None:
+    """The fields of a Comparison, what was compared, and the verdict."""
     library = list(glossy.compare(TEST, REFERENCE).to_dict())
-    extra = ["a", "reference", "within_limits", "failures"]
+    extra = ["channels_left_out", "unlike", "a", "reference", "within_limits", "failures"]
     single = figures(capsys, "a.exr", "b.exr", "--min-psnr", "10")
-    assert list(single) == ["schema", "command", *library[1:], *extra, "limits"]
-    assert single["limits"] == {"max_rms": None, "max_relative_rms": None, "min_psnr": 10.0}
-    several = figures(capsys, "x", "y")
-    assert list(several) == ["schema", "command", "files", "within_limits", "limits"]
-    assert set(several["files"][0]) == {*library, *extra, "name"} - {"schema"}
+    assert list(single) == ["schema", "command", *library[1:], *extra, "warnings", "limits"]
+    given = {k: v for k, v in single["limits"].items() if v is not None}
+    assert given == {"min_psnr": 10.0}
+    assert {"max_rms", "max_relative_rms", "max_outliers", "warn_psnr"} < set(single["limits"])
 
 
 @pytest.mark.usefixtures("folder")
@@ -375,12 +312,10 @@ def test_flip_not_installed_is_one_line(
     assert "pip install glossy-envmap[flip]" in refusal(capfd, "a.exr", "b.exr", "--flip")
 
 
-def test_the_place_of_pictures_is_checked_first(
-    folders: pathlib.Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    assert "must be a folder" in refusal(capfd, "x", "y", "--diff", "mask.png")
-    (folders / "p.png").mkdir()
-    assert "is a directory" in refusal(capfd, "a.exr", "b.exr", "--diff", str(folders / "p.png"))
+@pytest.mark.usefixtures("folder")
+def test_the_place_of_pictures_is_checked_first(capfd: pytest.CaptureFixture[str]) -> None:
+    os.mkdir("p.png")
+    assert "is a directory" in refusal(capfd, "a.exr", "b.exr", "--diff", "p.png")
 
 
 def test_half_files_and_larger_ranges(

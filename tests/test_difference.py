@@ -87,6 +87,19 @@ def test_planes_of_any_type(dtype: type) -> None:
     np.testing.assert_array_equal(got, np.take_along_axis(d, spot, axis=2)[..., 0])
 
 
+@pytest.mark.parametrize(("signed", "name"), [(False, "inferno"), (True, "RdBu_r")])
+def test_each_step_of_the_scale_has_its_colour_of_the_map(signed: bool, name: str) -> None:
+    """256 even steps from one end of the scale to the other are the 256 colours, in order."""
+    from matplotlib import colormaps
+
+    low = -3.0 if signed else 0.0
+    d = np.linspace(low, 3.0, 256, dtype=np.float32)[None]
+    picture = glossy.difference_picture(d, 0 * d, signed=signed, limit=3.0)
+    factor = 4096 // 256
+    table = colormaps[name](np.arange(256), bytes=True)[:, :3]
+    np.testing.assert_array_equal(picture[0, : 256 * factor : factor], table)
+
+
 def test_legend_tells_its_two_kinds_and_limits_apart() -> None:
     a = RNG.random((256, 64))
     legends = [

@@ -6,6 +6,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -182,6 +183,9 @@ def test_far_from_one(scale: float, dtype: type) -> None:
     for name in ("rms", "mae", "max_abs", "bias"):
         got_down = getattr(got, name) * down
         assert got_down == pytest.approx(expected[name], rel=tolerances.ROUNDOFF, abs=1e-14)
+    for c, error in enumerate(got.channel_rms):
+        one = naive(p[..., c], q[..., c])["rms"]
+        assert error * down == pytest.approx(one, rel=tolerances.ROUNDOFF)
     assert got.psnr == pytest.approx(-20 * math.log10(got.rms), rel=tolerances.ROUNDOFF)
     eps = math.sqrt(0.01) * down
     expected_mse = np.mean(((p - q) / np.hypot(q, eps)) ** 2)
@@ -227,6 +231,68 @@ def test_same_bits_for_any_number_of_threads(threads: int, monkeypatch: pytest.M
     monkeypatch.setattr(_sweep, "_processors", lambda: threads)
     assert glossy.compare(a, b) == serial
     assert glossy.compare(a, b, mask=mask) == masked
+
+
+@given(
+    pairs(),
+    st.floats(0.0, 10.0),
+    st.floats(0.0, 2.0),
+    st.lists(st.floats(0.0, 100.0), min_size=1, max_size=4),
+    st.data(),
+)
+def test_outliers_and_percentiles_of_pixels(
+    pair: tuple[Array, Array], x: float, r: float, wanted: list[float], data: st.DataObject
+) -> None:
+    a, b = (v.astype(float) for v in pair)
+    mask = data.draw(hnp.arrays(np.bool_, a.shape[:2]))
+    mask[0, data.draw(st.integers(0, mask.shape[1] - 1))] = True
+    spoiled = pair[0].copy()
+    spoiled[~mask] = np.nan
+    got = glossy.compare(
+        spoiled, pair[1], mask=mask, max_difference=x, max_relative_difference=r, percentiles=wanted
+    )
+    d = np.abs(a - b)[mask]
+    assert got.outliers == int((d - r * np.abs(b[mask]) > x).any(axis=1).sum())
+    assert got.outlier_share == got.outliers / got.pixels
+    assert (got.max_difference, got.max_relative_difference) == (x, r)
+    largest = d.max(axis=1)
+    assert got.percentiles is not None
+    for (p, value), q in zip(got.percentiles, wanted, strict=True):
+        assert p == q
+        assert value in largest
+        n = largest.size
+        assert Fraction(repr(p)) * n <= 100 * int((largest <= value).sum())
+        assert value == largest.min() or 100 * int((largest < value).sum()) < Fraction(repr(p)) * n
+    assert next(iter(got.to_dict()["percentiles"].values())) == got.percentiles[0][1]
+
+
+def test_figures_of_pixels_over_many_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(14)
+    a, b = rng.random((2, 600, 400, 3)).astype(np.float32)
+    d = np.abs(a.astype(float) - b).max(axis=2)
+    mask = np.zeros(d.shape, dtype=bool)
+    mask[200:210, 5:90] = True
+    for threads in (1, 3):
+        monkeypatch.setattr(_sweep, "_processors", lambda n=threads: n)
+        for kept in (None, mask):
+            seen = d.ravel() if kept is None else d[kept]
+            got = glossy.compare(a, b, mask=kept, max_difference=0.6, percentiles=[50])
+            assert got.outliers == int((seen > 0.6).sum())
+            assert got.percentiles == ((50, np.sort(seen)[seen.size // 2 - 1]),)
+
+
+def test_outliers_beyond_the_range_of_floats() -> None:
+    a, b = np.full((2, 3), 1.7e308), np.full((2, 3), -1.7e308)
+    got = glossy.compare(a, b, max_relative_difference=1.5, percentiles=[50])
+    assert got.outliers == 6
+    assert got.to_dict()["percentiles"] == {"50": None}
+    assert glossy.compare(b, b, max_relative_difference=1.5).outliers == 0
+
+
+def test_figures_of_pixels_are_there_on_request() -> None:
+    got = glossy.compare(ONES, 0 * ONES)
+    assert (got.outliers, got.outlier_share, got.percentiles, got.max_difference) == (None,) * 4
+    assert glossy.compare(ONES, 0 * ONES, percentiles=[]).percentiles == ()
 
 
 @given(st.floats(1e-3, 1e3), st.floats(1e-6, 1e3))
@@ -289,6 +355,9 @@ def spoiled(value: float, *places: tuple[int, int, int]) -> Array:
         (ONES, ONES, {"channels": ("R", "G")}, "channels: must be 3 different names"),
         (ONES, ONES, {"log_epsilon": 0.0}, "log_epsilon"),
         (ONES, ONES, {"relative_epsilon": -1.0}, "relative_epsilon"),
+        (ONES, ONES, {"max_difference": -1.0}, "max_difference"),
+        (ONES, ONES, {"max_relative_difference": np.inf}, "max_relative_difference"),
+        (ONES, ONES, {"percentiles": [50, 100.5]}, r"percentiles: must be in \[0, 100\]"),
         (ONES, ONES, {"flip": "sdr"}, "flip: must be one of ldr, hdr"),
         (ONES, ONES, {"flip": True, "mask": np.ones((4, 5))}, "flip: .*without mask"),
     ],
