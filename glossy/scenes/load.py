@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from .. import _check, methods
+from .._files import check_regular
 from ..brdf import Material
 from ..camera import Camera
 from ..scene import EnvironmentSource, make_material
@@ -67,10 +68,9 @@ def _inside(where: str, make: Callable[[], T]) -> T:
     """What ``make`` gives, its errors named by where in the file they are."""
     try:
         return make()
-    except FileNotFoundError as error:
-        raise FileNotFoundError(_dotted(where, str(error))) from None
-    except ValueError as error:
-        raise ValueError(_dotted(where, str(error))) from None
+    except (OSError, ValueError) as error:
+        kind = type(error) if isinstance(error, OSError) else ValueError
+        raise kind(_dotted(where, str(error))) from None
 
 
 def _build(where: str, kind: Callable[..., T], table: Table) -> T:
@@ -79,12 +79,16 @@ def _build(where: str, kind: Callable[..., T], table: Table) -> T:
 
 
 def _file(where: str, value: object, folder: pathlib.Path) -> str:
-    if not isinstance(value, str) or not value:
+    if not isinstance(value, str) or not value or "\0" in value:
         raise _check.fail(where, "must be a path", value)
-    path = folder / value
-    if not path.is_file():
-        raise FileNotFoundError(f"{where}: no such file {str(path)!r}")
-    return str(path)
+    path = str(folder / value)
+    try:
+        check_regular(path)
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{where}: no such file {path!r}") from None
+    except OSError as error:
+        raise type(error)(f"{where}: {error}") from None
+    return path
 
 
 def _shape(where: str, value: object, folder: pathlib.Path) -> Shape:
@@ -107,10 +111,8 @@ def _material(where: str, value: object, named: Table, folder: pathlib.Path) -> 
         return material_from_dict(value, where)
     if not isinstance(value, str):
         raise _check.fail(where, "must be a text or a table", value)
-    beside = folder / value
-    if value.lower().endswith((".toml", ".json")) and not beside.is_file():
-        raise FileNotFoundError(f"{where}: no such file {str(beside)!r}")
-    text = str(beside) if beside.is_file() else value
+    is_file = value.lower().endswith((".toml", ".json")) or os.path.isfile(folder / value)
+    text = _file(where, value, folder) if is_file else value
     try:
         return make_material(text)
     except ValueError as error:

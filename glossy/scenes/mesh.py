@@ -1,11 +1,12 @@
-"""Triangle meshes: files through trimesh, rays through Embree.
+"""Triangle meshes in the world: rays through Embree, which comes with the extra ``mesh``.
 
 Embree answers in float32 which triangle a ray meets first; where on it is then solved in float64,
-so a hit point lies on the triangle's plane to rounding. Both libraries come with the extra
-``mesh``.
+so a hit point lies on the triangle's plane to rounding.
 """
 
 import functools
+import importlib.util
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -13,27 +14,19 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _check
+from .._files import check_regular
 from ..frames import dot
 from .intersect import meets_box
+from .mesh_files import read_mesh
 from .shapes import Mesh
+from .topology import LARGEST, Surface, surface
 
 Float64Array = npt.NDArray[np.float64]
 Int64Array = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
-MAX_TRIANGLES = 20_000_000
 FLATNESS = 1e-6  # of the extent: how far off a plane counts as on it
 BAND = 64  # triangles looked at together
-
-
-def _library(name: str) -> Any:
-    import importlib
-
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        rule = "needs the extra 'mesh' (pip install 'glossy-envmap[mesh]')"
-        raise ValueError(f"shape: a mesh {rule}: {name} is not installed") from None
 
 
 class TriangleMesh:
@@ -47,15 +40,25 @@ class TriangleMesh:
 
     Raises
     ------
+    OSError
+        If the file cannot be read.
     ValueError
-        If the file holds no triangles or the libraries are not installed.
+        If it is damaged or holds no triangles, or Embree is not installed.
     """
 
     def __init__(self, shape: Mesh, matrix: Float64Array) -> None:
-        points, self.triangles, normals, self.closed = _read(shape.file)
+        if importlib.util.find_spec("embreex") is None:
+            rule = "needs the extra 'mesh' (pip install 'glossy-envmap[mesh]')"
+            raise ValueError(f"shape: a mesh {rule}: embreex is not installed")
+        size = check_regular(shape.file)
+        found = _read(shape.file, (os.stat(shape.file).st_mtime_ns, size))
+        self.triangles, self.closed = found.triangles, found.closed
         self.smooth = shape.smooth
-        self.vertices = points @ matrix[:, :3].T + matrix[:, 3]
-        turned = normals @ np.linalg.inv(matrix[:, :3])
+        self.vertices = found.vertices @ matrix[:, :3].T + matrix[:, 3]
+        if not np.all(np.abs(self.vertices) <= LARGEST):
+            rule = f"must place its corners within {LARGEST:g} of the origin"
+            raise _check.fail("transform", rule, shape.file)
+        turned = found.normals @ np.linalg.inv(matrix[:, :3])
         length = np.linalg.norm(turned, axis=1, keepdims=True)
         self.normals = turned / np.where(length > 0.0, length, 1.0)
         a, b, c = (self.vertices[self.triangles[:, k]] for k in range(3))
@@ -85,7 +88,6 @@ class TriangleMesh:
 
     @functools.cached_property
     def _run(self) -> Callable[..., Any]:
-        _library("embreex")
         from embreex.mesh_construction import TriangleMesh as Triangles
         from embreex.rtcore_scene import EmbreeScene
 
@@ -160,17 +162,6 @@ def _query(
 
 
 @functools.lru_cache(maxsize=16)
-def _read(file: str) -> tuple[Float64Array, Int64Array, Float64Array, bool]:
-    """Vertices, triangles, vertex normals and whether it is watertight, of a mesh file."""
-    trimesh = _library("trimesh")
-    try:
-        mesh = trimesh.load(file, force="mesh", process=False)
-    except Exception as error:  # a reader of many formats raises anything
-        raise ValueError(f"file: {file!r} is no mesh: {_check.shortened(str(error))}") from None
-    vertices = np.array(getattr(mesh, "vertices", np.empty((0, 3))), dtype=np.float64)
-    triangles = np.array(getattr(mesh, "faces", np.empty((0, 3))), dtype=np.int64)
-    if len(triangles) == 0 or not np.all(np.isfinite(vertices)):
-        raise _check.fail("file", "must hold triangles with finite corners", file)
-    _check.count("triangles", len(triangles), high=MAX_TRIANGLES)
-    normals = np.array(mesh.vertex_normals, dtype=np.float64)
-    return vertices, triangles, normals, bool(mesh.is_watertight)
+def _read(file: str, _changed: tuple[int, int]) -> Surface:
+    """The surface of a mesh file, read once as long as it stays the same."""
+    return surface(read_mesh(file), file)

@@ -18,13 +18,13 @@ convention's: (sin 2 pi u, ., -cos 2 pi u). A rectangle shows the same (u, v) fr
 
 import dataclasses
 import math
-import os
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
+from .._files import check_regular
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -94,18 +94,25 @@ class Torus:
 
 @dataclasses.dataclass(frozen=True)
 class Mesh:
-    """Triangles of a file (PLY, OBJ, STL, ...). ``smooth``: vertex normals, interpolated."""
+    """Triangles of a file: PLY, OBJ, STL, OFF or glTF.
+
+    ``smooth``: vertex normals, interpolated; those of the file, or the mean about each vertex.
+    """
 
     file: str = ""
     smooth: bool = True
 
     def __post_init__(self) -> None:
-        if not isinstance(self.file, str) or not self.file:
+        if not isinstance(self.file, str) or not self.file or "\0" in self.file:
             raise _check.fail("file", "must be a path", self.file)
         if not isinstance(self.smooth, bool):
             raise _check.fail("smooth", "must be true or false", self.smooth)
-        if not os.path.isfile(self.file):
-            raise FileNotFoundError(f"file: no such mesh file {self.file!r}")
+        try:
+            check_regular(self.file)
+        except FileNotFoundError:
+            raise FileNotFoundError(f"file: no such mesh file {self.file!r}") from None
+        except OSError as error:
+            raise type(error)(f"file: {error}") from None
 
 
 Shape = Sphere | Box | Rectangle | Torus | Mesh
