@@ -13,8 +13,8 @@ import matplotlib.figure
 import numpy as np
 
 import glossy
+from glossy._output import write_figure
 from glossy.camera import Sphere, default_camera
-from glossy.image_write import replacing
 
 LOBE = glossy.Lobe(0.3)
 SAMPLES = 9
@@ -55,8 +55,7 @@ def main() -> None:
         ylim=(0.6, 1.8),
     )
     axes["row"].legend(loc="upper left")
-    with replacing(args.output) as temporary:
-        figure.savefig(temporary, format="png", dpi=90)
+    write_figure(args.output, figure, dpi=90)
 
 
 if __name__ == "__main__":

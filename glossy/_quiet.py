@@ -66,8 +66,11 @@ def _end() -> None:
 def _said() -> str:
     if _file is None:
         return ""
-    size = os.fstat(_file.fileno()).st_size
-    return os.pread(_file.fileno(), size, 0).decode(errors="replace")
+    try:
+        size = os.fstat(_file.fileno()).st_size
+        return os.pread(_file.fileno(), size, 0).decode(errors="replace")
+    except OSError:
+        return ""
 
 
 def _reason(name: str) -> str:

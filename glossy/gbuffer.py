@@ -23,9 +23,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ._arguments import checked
 from ._files import check_regular
+from ._output import write_npz
 from .frames import SurfacePoints
-from .image_write import replacing, write_exr
+from .image_write import write_exr
 
 Arrays = dict[str, npt.NDArray[np.float64]]
 
@@ -97,6 +99,7 @@ def _from_exr(path: pathlib.Path) -> Arrays:
     return pick_channels(read_planes(path).planes)
 
 
+@checked
 def read_gbuffer(path: str | os.PathLike[str]) -> SurfacePoints:
     """Surface points (H, W) from a G-buffer file, ``.npz`` or ``.exr``.
 
@@ -134,6 +137,7 @@ def read_gbuffer(path: str | os.PathLike[str]) -> SurfacePoints:
         raise ValueError(f"{file}: {error}") from None
 
 
+@checked
 def write_gbuffer(path: str | os.PathLike[str], points: SurfacePoints) -> None:
     """Write points (H, W) as ``.npz`` (float64) or ``.exr`` (float32); unseen pixels are zero.
 
@@ -151,8 +155,7 @@ def write_gbuffer(path: str | os.PathLike[str], points: SurfacePoints) -> None:
         for name in ("normal", "tangent", "view")
     }
     if file.suffix.lower() == ".npz":
-        with replacing(file) as temporary:
-            np.savez_compressed(temporary, allow_pickle=False, mask=seen, **arrays)
+        write_npz(file, {"mask": seen, **arrays}, compressed=True)
     elif file.suffix.lower() == ".exr":
         channels = {
             f"{name}.{axis}": np.ascontiguousarray(value[..., k], dtype=np.float32)

@@ -1,22 +1,21 @@
-"""Writing images: OpenEXR, Radiance HDR and PNG, each file whole or not at all.
+"""Writing images: OpenEXR, Radiance HDR, PNG, JPEG and animations, each file whole or not at all.
 
-Files are written beside their place and renamed. A Radiance pixel shares the exponent E of its
-largest channel; the mantissas m = value 2^(136 - E) are rounded to nearest, so that the file is
-not darker than the image. PNG samples are sRGB: the inverse of `image`'s eq. (2).
+A Radiance pixel shares the exponent E of its largest channel; the mantissas m = value 2^(136 - E)
+are rounded to nearest, so that the file is not darker than the image. Display pictures hold sRGB
+samples: the inverse of `image`'s eq. (2).
 """
 
-import contextlib
 import os
-import secrets
 import struct
-import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _check
+from ._arguments import checked
+from ._output import READ_BACK, replacing, write_bytes
 from ._quiet import c_messages
 
 Plane = npt.NDArray[Any]
@@ -27,32 +26,7 @@ _RESERVED = (
     "channels", "compression", "dataWindow", "displayWindow", "lineOrder", "pixelAspectRatio",
     "screenWindowCenter", "screenWindowWidth", "tiles", "type", "name", "version", "chunkCount",
 )  # fmt: skip
-
-
-@contextlib.contextmanager
-def replacing(path: Path) -> Iterator[str]:
-    """Name of a temporary file beside ``path`` that takes its place on success only.
-
-    The name keeps the suffix. On an exception it is removed and what was at ``path`` stays.
-    """
-    place = os.path.realpath(os.fspath(path))
-    folder, base = os.path.split(place)
-    if os.path.isdir(place):
-        raise IsADirectoryError(f"{os.fspath(path)}: is a directory")
-    if not os.path.isdir(folder):
-        raise FileNotFoundError(f"{os.fspath(path)}: its folder does not exist")
-    stem, suffix = os.path.splitext(base)
-    temporary = os.path.join(folder, f".{stem[:100]}-{secrets.token_hex(6)}{suffix}")
-    try:
-        yield temporary
-        os.replace(temporary, place)
-    except OSError as error:
-        if error.errno is None:
-            raise
-        raise type(error)(f"{os.fspath(path)}: {(error.strerror or 'failed').lower()}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            os.unlink(temporary)
+_PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
 
 
 def write_exr(
@@ -96,13 +70,54 @@ def write_exr(
         if isinstance(value, int) and not -(2**31) <= value < 2**31:
             raise _check.fail(f"metadata[{key!r}]", "must fit 32 bits", value)
         header[key] = value
-    with replacing(path) as temporary, c_messages() as said:
+    with (
+        replacing(path, lambda name: _verify_exr(name, planes)) as temporary,
+        c_messages() as said,
+    ):
         try:
-            OpenEXR.File(header, planes).write(temporary)
+            OpenEXR.File(header, dict(planes)).write(temporary)  # which changes the mapping
         except (RuntimeError, TypeError) as error:
             text = said(temporary) or str(error).replace(temporary, os.path.basename(path))
             reason = " ".join(text.split())
             raise OSError(f"{os.fspath(path)}: cannot be written: {reason}") from None
+
+
+def _verify_exr(name: str, planes: Mapping[str, Plane]) -> None:
+    # the library does not report every failed write: is each block of rows there, to the last
+    # byte, and (unless the file is large) the same bits when read
+    import OpenEXR
+
+    height = len(next(iter(planes.values())))
+    size = os.stat(name).st_size
+    with open(name, "rb") as file:
+        blocks = [*_exr_blocks(file.read(2**20), -(-height // 16))]
+        ends = []
+        for place in blocks:
+            file.seek(place + 4)
+            ends.append(place + 8 + int.from_bytes(file.read(4), "little"))
+    if not ends or max(ends) != size:
+        raise OSError("what was written is not whole; is the disk full?")
+    if size <= READ_BACK:
+        try:
+            read = OpenEXR.File(name, separate_channels=True).channels()
+            same = all(read[k].pixels.tobytes() == v.tobytes() for k, v in planes.items())
+        except (RuntimeError, KeyError):
+            same = False
+        if not same:
+            raise OSError("what was written does not read back; is the disk full?")
+
+
+def _exr_blocks(head: bytes, count: int) -> tuple[int, ...]:
+    # the table of block offsets behind the header of a file of scan lines
+    at = 8
+    while head[at : at + 1] not in (b"", b"\0"):
+        for _ in range(2):  # a name, a type
+            at = head.find(b"\0", at) + 1 or len(head)
+        at += 4 + int.from_bytes(head[at : at + 4], "little")
+    try:
+        return struct.unpack_from(f"<{count}Q", head, at + 1)
+    except struct.error:
+        return ()
 
 
 def _exr_planes(channels: Mapping[str, npt.ArrayLike], dtype: type) -> dict[str, Plane]:
@@ -141,6 +156,7 @@ def _narrow(name: str, raw: Plane, dtype: type) -> Plane:
     return out
 
 
+@checked
 def write_image(
     path: Path,
     pixels: npt.ArrayLike,
@@ -150,7 +166,7 @@ def write_image(
     half: bool = False,
     metadata: Mapping[str, str | int | float] | None = None,
 ) -> None:
-    """Write linear pixels in the format of the suffix: .exr, .hdr or .png.
+    """Write linear pixels in the format of the suffix: .exr, .hdr, .png or .jpg.
 
     Parameters
     ----------
@@ -159,11 +175,13 @@ def write_image(
     pixels : (H, W), (H, W, 1), (H, W, 3) or, for .exr, (H, W, 4) array
         Linear values.
     exposure : float [stops]
-        PNG: values are multiplied by 2^exposure, clipped to [0, 1] and encoded as sRGB.
+        PNG, JPEG: values are multiplied by 2^exposure, clipped to [0, 1] and encoded as sRGB.
     bits : 8 or 16
         PNG sample size.
-    half, metadata
+    half
         OpenEXR: see `write_exr`.
+    metadata : name -> str, int or float, optional
+        OpenEXR: header entries, see `write_exr`. PNG: entries of text.
 
     Raises
     ------
@@ -173,17 +191,21 @@ def write_image(
         The file cannot be written.
     """
     suffix = os.path.splitext(os.fspath(path))[1].lower()
-    _check.choice("path suffix", suffix, (".exr", ".hdr", ".png"))
+    _check.choice("path suffix", suffix, (".exr", ".hdr", ".png", ".jpg", ".jpeg"))
     raw = _real("pixels", pixels)
     raw = raw[..., None] if raw.ndim == 2 else raw
     sizes = (1, 3, 4) if suffix == ".exr" else (1, 3)
     if raw.ndim != 3 or raw.size == 0 or raw.shape[2] not in sizes:
         raise _check.fail("pixels", f"must be (H, W) or (H, W, C) with C in {sizes}", raw.shape)
     stops = _check.in_range("exposure", exposure, -1000.0, 1000.0)
-    if suffix != ".png" and (stops != 0.0 or bits != 8):
-        raise _check.fail("exposure, bits", "are options of .png", suffix)
-    if suffix != ".exr" and (half or metadata):
-        raise _check.fail("half, metadata", "are options of .exr", suffix)
+    if suffix in (".exr", ".hdr") and stops != 0.0:
+        raise _check.fail("exposure", "is an option of .png and .jpg", suffix)
+    if suffix != ".png" and bits != 8:
+        raise _check.fail("bits", "is an option of .png", suffix)
+    if suffix != ".exr" and half:
+        raise _check.fail("half", "is an option of .exr", suffix)
+    if suffix not in (".exr", ".png") and metadata:
+        raise _check.fail("metadata", "is an option of .exr and .png", suffix)
     if suffix == ".exr":
         names = _NAMES[raw.shape[2]]
         write_exr(path, {n: raw[..., i] for i, n in enumerate(names)}, half, metadata)
@@ -193,8 +215,13 @@ def write_image(
         raise _check.fail("pixels", f"must be finite for {suffix}", f"{bad} NaN or inf values")
     if suffix == ".hdr":
         _write_hdr(path, raw)
+    elif suffix == ".png":
+        texts = {key: str(value) for key, value in (metadata or {}).items()}
+        write_png(path, encode_srgb(raw, stops, bits), texts)
     else:
-        write_png(path, encode_srgb(raw, stops, bits))
+        samples = encode_srgb(raw, stops)
+        flat = samples[..., 0] if samples.shape[2] == 1 else samples
+        write_bytes(path, _encoded(flat, ".jpg", quality=95, subsampling=0))
 
 
 def encode_srgb(pixels: Plane, exposure: float = 0.0, bits: int = 8) -> Plane:
@@ -207,37 +234,105 @@ def encode_srgb(pixels: Plane, exposure: float = 0.0, bits: int = 8) -> Plane:
     return samples
 
 
-def write_png(path: Path, samples: Plane) -> None:
-    """Write sRGB integers (H, W, 1 or 3), uint8 or uint16, as PNG without further conversion."""
+def write_png(path: Path, samples: Plane, metadata: Mapping[str, str] | None = None) -> None:
+    """Write sRGB integers (H, W, 1 or 3), uint8 or uint16, as PNG without further conversion.
+
+    ``metadata`` becomes text entries of the file.
+    """
+    flat = samples[..., 0] if samples.shape[2] == 1 else samples
+    if samples.dtype == np.uint16:  # what imageio's writer would cut to 8 bits
+        _write_deep_png(path, samples, metadata or {})
+        return
+    from PIL.PngImagePlugin import PngInfo
+
+    entries = PngInfo()
+    entries.add(b"sRGB", b"\0")
+    for key, text in (metadata or {}).items():
+        entries.add_text(key, text)
+    write_bytes(path, _encoded(flat, ".png", pnginfo=entries))
+
+
+def _encoded(samples: Plane, suffix: str, **options: Any) -> bytes:
+    import imageio.v3 as iio
+
+    data = iio.imwrite("<bytes>", samples, extension=suffix, plugin="pillow", **options)
+    assert isinstance(data, bytes)
+    return data
+
+
+def _write_deep_png(path: Path, samples: Plane, metadata: Mapping[str, str]) -> None:
+    import OpenImageIO as oiio  # noqa: N813
+
     height, width, channels = samples.shape
-    header = struct.pack(
-        ">IIBBBBB", width, height, 8 * samples.itemsize, 0 if channels == 1 else 2, 0, 0, 0
+    spec = oiio.ImageSpec(width, height, channels, "uint16")
+    spec.attribute("oiio:ColorSpace", "sRGB")
+    for key, text in metadata.items():
+        spec.attribute(f"png:{key}", text)
+
+    def verify(name: str) -> None:
+        source = oiio.ImageInput.open(name)
+        read = None if source is None else source.read_image("uint16")
+        oiio.geterror()  # what is wrong is said below
+        with open(name, "rb") as file:
+            file.seek(-len(_PNG_END), os.SEEK_END)
+            ended = file.read() == _PNG_END
+        same = read is not None and np.array_equal(np.reshape(read, samples.shape), samples)
+        if not (ended and same):
+            raise OSError("what was written does not read back; is the disk full?")
+
+    with replacing(path, verify) as temporary:
+        out = oiio.ImageOutput.create(temporary)
+        if out is None or not (out.open(temporary, spec) and out.write_image(samples)):
+            reason = " ".join(str(oiio.geterror() if out is None else out.geterror()).split())
+            raise OSError(f"cannot be written: {reason or 'unknown reason'}")
+        out.close()
+
+
+def write_animation(
+    path: Path,
+    frames: Iterable[npt.ArrayLike],
+    *,
+    exposure: float = 0.0,
+    seconds: float = 1.0 / 24.0,
+) -> None:
+    """Write linear frames as an animation that repeats: .gif (256 colours) or .png (all of them).
+
+    Parameters
+    ----------
+    path : path
+        Replaced when all is written.
+    frames : (H, W, 3) arrays
+        Linear values, of one size.
+    exposure : float [stops]
+        Values are multiplied by 2^exposure, clipped to [0, 1] and encoded as sRGB.
+    seconds : float
+        Each frame's; .gif rounds to hundredths.
+
+    Raises
+    ------
+    ValueError
+        Another suffix, no frame, frames of unlike or other shapes, NaN or infinity.
+    OSError
+        The file cannot be written.
+    """
+    suffix = _check.choice(
+        "path suffix", os.path.splitext(os.fspath(path))[1].lower(), (".gif", ".png")
     )
-    rows = zlib.compress(_png_rows(samples).tobytes(), 6)
-    with replacing(path) as temporary, open(temporary, "wb") as file:
-        file.write(b"\x89PNG\r\n\x1a\n")
-        for kind, data in ((b"IHDR", header), (b"sRGB", b"\0"), (b"IDAT", rows), (b"IEND", b"")):
-            file.write(struct.pack(">I", len(data)) + kind + data)
-            file.write(struct.pack(">I", zlib.crc32(data, zlib.crc32(kind))))
-
-
-def _png_rows(samples: Plane) -> npt.NDArray[np.uint8]:
-    # bytes of each row behind the number of its filter: as they are, less the pixel at the left,
-    # or less the one above, whichever has the smallest sum
-    big = samples.astype(samples.dtype.newbyteorder(">"))
-    raw = np.ascontiguousarray(big).view(np.uint8).reshape(len(samples), -1)
-    step = samples.shape[2] * samples.itemsize
-    best = np.concatenate([np.zeros((len(raw), 1), np.uint8), raw], axis=1)
-    cost = np.minimum(raw, -raw).sum(axis=1)  # modulo 256: the distance from 0
-    for number, (down, right) in enumerate(((0, step), (1, 0)), start=1):
-        less = raw.copy()
-        less[down:, right:] -= raw[: len(raw) - down, : raw.shape[1] - right]
-        total = np.minimum(less, -less).sum(axis=1)
-        better = total < cost
-        best[better, 0] = number
-        best[better, 1:] = less[better]
-        cost = np.minimum(cost, total)
-    return best
+    stops = _check.in_range("exposure", exposure, -1000.0, 1000.0)
+    milliseconds = max(round(1000.0 * _check.positive("seconds", seconds)), 1)
+    stack: list[Plane] = []
+    for i, frame in enumerate(frames):
+        raw = _real(f"frames[{i}]", frame)
+        if raw.ndim != 3 or raw.shape[2] != 3 or raw.size == 0:
+            raise _check.fail(f"frames[{i}]", "must have shape (H, W, 3)", raw.shape)
+        if stack and raw.shape != stack[0].shape:
+            raise _check.fail(f"frames[{i}]", "must have the shape of the first", raw.shape)
+        if not np.isfinite(raw).all():
+            raise _check.fail(f"frames[{i}]", "must be finite", "NaN or inf values")
+        stack.append(encode_srgb(raw, stops))
+    if not stack:
+        raise _check.fail("frames", "must not be empty", "none")
+    write_bytes(path, _encoded(np.stack(stack), suffix, duration=milliseconds, loop=0))
 
 
 def _write_hdr(path: Path, pixels: Plane) -> None:
@@ -256,7 +351,5 @@ def _write_hdr(path: Path, pixels: Plane) -> None:
     out[..., :3] = np.where(seen[..., None], mantissa, 0.0)
     out[..., 3] = np.where(seen, exponent + 128, 0)
     height, width = seen.shape
-    with replacing(path) as temporary, open(temporary, "wb") as file:
-        file.write(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n")
-        file.write(f"-Y {height} +X {width}\n".encode())
-        file.write(out.tobytes())
+    head = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n"
+    write_bytes(path, head.encode() + out.tobytes())

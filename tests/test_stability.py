@@ -14,14 +14,11 @@ import pytest
 
 import glossy
 from glossy import cli
-from glossy.camera import Sphere, default_camera
-from glossy.commands.pattern import plot as plot_pattern
 from glossy.frames import normalise
-from glossy.gbuffer import read_gbuffer, write_gbuffer
+from glossy.gbuffer import read_gbuffer
 from glossy.pyramid import FILTERS
 from glossy.scene import load_scene
 from glossy.stability import cases, checks, report, twin
-from glossy.study import store
 
 GROUPS = sorted({case.group for case in cases.SHADE})
 
@@ -204,38 +201,3 @@ def test_a_library_that_complains_at_length_is_cut_short(tmp_path: pathlib.Path)
     with pytest.raises(ValueError, match=r"image\.tiff: cannot be read") as error:
         glossy.read_image(path)
     assert one_line(error, path)
-
-
-def writers(folder: pathlib.Path) -> dict[str, Any]:
-    """Everything that writes a file but for pictures, which ``test_image`` has."""
-    points = glossy.surface_points(default_camera(Sphere(), 12, 10), Sphere())
-    pattern = glossy.regular_pattern(glossy.Lobe(0.1), 4)
-    results = [checks.judge("a, frame axes", "wo.n = 1, x", {"auto": 1.0}, {"auto": 1.0})]
-    rows: list[dict[str, float]] = []
-    return {
-        "p.npz": lambda path: write_gbuffer(path, points),
-        "p.exr": lambda path: write_gbuffer(path, points),
-        "p.json": lambda path: pattern.export("json", path),
-        "p.png": lambda path: plot_pattern(pattern, path),
-        "report.png": lambda path: report.plot(results, rows, path),
-        "cell.json": lambda path: store.write_text(path, "x" * 5000),
-    }
-
-
-@pytest.mark.parametrize("name", ["p.npz", "p.exr", "p.json", "p.png", "report.png", "cell.json"])
-def test_a_full_disk_leaves_the_old_file_and_names_it(tmp_path: pathlib.Path, name: str) -> None:
-    resource = pytest.importorskip("resource", reason="file sizes cannot be limited here")
-    write, path = writers(tmp_path)[name], tmp_path / name
-    write(path)  # so that nothing else needs a file
-    path.write_bytes(b"old")
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (512, hard))
-    try:
-        with pytest.raises(OSError, match=r"(?i)too large") as error:
-            write(path)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert str(path) in str(error.value)
-    assert "\n" not in str(error.value)
-    assert path.read_bytes() == b"old"
-    assert [p.name for p in tmp_path.iterdir()] == [name]

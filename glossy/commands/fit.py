@@ -1,9 +1,11 @@
 """``glossy fit``: a measured table to a material that renders."""
 
 import argparse
+import pathlib
 from typing import TYPE_CHECKING
 
 from . import options
+from .inputs import protect
 
 if TYPE_CHECKING:
     from ..measured.table import MeasuredTable
@@ -22,6 +24,10 @@ or one lobe's: reflection[0].mx. DIR of --report receives report.md, fit.json an
 """
 
 
+ANGLE = 89.9  # degrees: the largest that is reported
+PLOTS = ("plane.png", "discs.png", "angles.png")
+
+
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add the command to the ``glossy`` parser."""
     parser = subparsers.add_parser(
@@ -33,7 +39,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("table", metavar="TABLE", help="text table, .brdf, .bsdf, .xml or .binary")
-    parser.add_argument("-o", "--output", metavar="MATERIAL", help="file to write, .toml or .json")
+    options.add_output_argument(
+        parser, "MATERIAL", "file to write, .toml or .json", ("toml", "json"), required=False
+    )
     parser.add_argument("--report", metavar="DIR", help="folder for the fit report and its plots")
     parser.add_argument("--format", metavar="F", help="of TABLE, if its name does not tell")
     group = parser.add_argument_group("model")
@@ -44,6 +52,18 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     group.add_argument("--isotropic", action="store_true", default=None, help="my equals mx")
     group.add_argument("--anisotropic", action="store_false", dest="isotropic", default=None)
     group.add_argument("--bound", action="append", metavar="NAME=A:B", help="narrow the search")
+    group.add_argument(
+        "--bound-energy",
+        action="store_true",
+        help="send out no more than is received, up to an angle (--bound-to)",
+    )
+    group.add_argument(
+        "--bound-to",
+        type=float,
+        default=ANGLE,
+        metavar="DEG",
+        help=f"of --bound-energy: degrees from the normal (default {ANGLE:g})",
+    )
     group.add_argument("--fix", action="append", metavar="NAME=V", help="hold; V or R/G/B")
     group.add_argument(
         "--kd",
@@ -81,22 +101,24 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def run(args: argparse.Namespace) -> int:
     """Read the table, fit it, write the material and the report."""
-    import pathlib
-
+    from .._output import write_text
     from ..measured.fit import Fit, fit_table
     from ..measured.fit_report import (
         angle_lines,
+        energy_line,
         material_line,
         material_text,
         parameter_table,
         report_json,
         report_text,
-        write_text,
     )
     from ..measured.read import read_measured
 
     if args.output is not None:
-        options.check_output(args.output, (".toml", ".json"))
+        options.check_output(args, args.output, (".toml", ".json"))
+    if args.report is not None:
+        names = ("report.md", "fit.json", *PLOTS)
+        protect(args, {f"--report {n}": pathlib.Path(args.report, n) for n in names})
     others = args.compare.split(",") if args.compare else []
     table = _subset(read_measured(args.table, args.format), args.rows, args.seed)
 
@@ -120,6 +142,7 @@ def run(args: argparse.Namespace) -> int:
             polish=args.polish,
             seed=args.seed,
             time_limit=args.time_limit,
+            energy_limit=args.bound_to if args.bound_energy and model == "kurt" else None,
             progress=True,
         )
 
@@ -128,7 +151,9 @@ def run(args: argparse.Namespace) -> int:
     assert fit.material is not None
     if args.output is not None:
         target = pathlib.Path(args.output)
-        write_text(target, material_text(fit.material, target.suffix.lower()))
+        text = material_text(fit.material, target.suffix.lower())
+        comment = f"# {energy_line(fit)}\n" if target.suffix.lower() == ".toml" else ""
+        write_text(target, comment + text)
     from ..measured.fit_rows import lit_from
 
     shown = lit_from(table, args.light)
@@ -154,6 +179,9 @@ def run(args: argparse.Namespace) -> int:
     print(f"error ({fit.metric}): {fit.error:.5g}, {fit.rows} rows, {fit.seconds:.1f} s")
     for other in baselines:
         print(f"error of {other.model}: {other.error:.5g}")
+    print(energy_line(fit))
+    if fit.energy is not None and fit.energy["exceeds_from"] is not None and not args.bound_energy:
+        print(f"--bound-energy keeps it at or below 1, to {ANGLE:g} degrees or --bound-to")
     if fit.at_bounds:
         print(f"on a bound: {', '.join(fit.at_bounds)}")
     if fit.stopped:

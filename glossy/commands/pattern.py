@@ -1,9 +1,12 @@
 """``glossy pattern``: a sample pattern as a table for a shader, or as a picture."""
 
 import argparse
+import json
 import pathlib
 import sys
 from typing import TYPE_CHECKING, Any
+
+from .inputs import add_force_argument, protect
 
 if TYPE_CHECKING:
     from ..brdf import Lobe, Material
@@ -91,8 +94,14 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     shader.add_argument("--bias", type=float, metavar="B", help="added to the level (default 0)")
     shader.add_argument("--filter", metavar="NAME", help="lattice: of the levels (default gauss6)")
     shader.add_argument("--name", help="start of every name in the shader (default glossy)")
-    parser.add_argument("-o", "--output", metavar="FILE", help="default: standard output")
+    parser.add_argument("-o", "--output", metavar="FILE", help="default, and -: standard output")
     parser.add_argument("--plot", metavar="FILE", help="picture, .png, .pdf or .svg")
+    add_force_argument(parser)
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="with -o: print what was done as JSON; else as --format json",
+    )
     parser.set_defaults(run=run)
 
 
@@ -102,6 +111,9 @@ def run(args: argparse.Namespace) -> int:
     if form is None:
         suffix = pathlib.Path(args.output or "").suffix[1:].lower()
         form = suffix if suffix in FORMATS else "json"
+    if args.json and args.output is None and form != "json":
+        raise ValueError(f"--json: prints the pattern without -o, which --format {form} does too")
+    protect(args, {"--output": args.output, "--plot": args.plot})
     given = {k: getattr(args, k) for k in SHADER_OPTIONS if getattr(args, k) is not None}
     if given and form not in SHADERS:
         raise ValueError(f"--{next(iter(given))}: has no meaning with --format {form}")
@@ -121,9 +133,17 @@ def run(args: argparse.Namespace) -> int:
     if args.output is None:
         sys.stdout.write(text)
     else:
-        count = " + ".join(str(len(pattern)) for pattern in patterns)
-        print(f"{args.output}: {count} half vectors, {form}")
+        _report(args, form, [len(pattern) for pattern in patterns])
     return 0
+
+
+def _report(args: argparse.Namespace, form: str, counts: list[int]) -> None:
+    if args.json:
+        made = {"output": args.output, "format": form, "method": args.method, "samples": counts}
+        print(json.dumps({"schema": 1, "command": "pattern", **made}, indent=2))
+        return
+    count = " + ".join(str(n) for n in counts)
+    print(f"{args.output}: {count} half vectors, {form}")
 
 
 def _lobes(args: argparse.Namespace) -> "list[Widths]":
@@ -172,6 +192,8 @@ def _lattice(args: argparse.Namespace, form: str, given: dict[str, Any]) -> int:
         text = export_shader(_material(args), form, "lattice", path=args.output, **given)
     if args.output is None:
         sys.stdout.write(text)
+    elif args.json:
+        _report(args, form, [samples])
     else:
         print(f"{args.output}: lattice, {form}")
     return 0
@@ -240,7 +262,7 @@ def plot(pattern: "Pattern", path: str | pathlib.Path) -> None:
     from matplotlib.patches import Ellipse
 
     from .. import _check
-    from ..image_write import replacing
+    from .._output import write_figure
 
     suffix = pathlib.Path(path).suffix.lower()
     if suffix not in PICTURES:
@@ -285,5 +307,4 @@ def plot(pattern: "Pattern", path: str | pathlib.Path) -> None:
         title=f"{pattern.method} pattern, mx = {mx:g}, my = {my:g}",
     )
     figure.legend(loc="outside lower center", ncols=4, frameon=False)
-    with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=150, bbox_inches="tight")
+    write_figure(path, figure, dpi=150, bbox_inches="tight")

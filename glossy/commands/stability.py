@@ -3,6 +3,7 @@
 import argparse
 
 from . import options
+from .inputs import add_force_argument
 
 EXAMPLE = """\
 examples:
@@ -24,17 +25,20 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("-o", "--output", metavar="FILE.md", help="write the report here")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE.md", help="write the report here (default, and -: print it)"
+    )
     parser.add_argument("--plot", metavar="FILE.png", help="draw errors and furnace ratios")
+    add_force_argument(parser)
     options.add_json_argument(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure everything and print or write the report."""
-    for path, suffix in ((args.output, ".md"), (args.plot, ".png")):
+    for path, suffix, option in ((args.output, ".md", "--output"), (args.plot, ".png", "--plot")):
         if path is not None:
-            options.check_output(path, (suffix,))
+            options.check_output(args, path, (suffix,), option)
     import json
 
     from ..stability import checks, report
@@ -42,10 +46,9 @@ def run(args: argparse.Namespace) -> int:
     results, furnace = checks.run(lambda items: options.progress(items, label="hard cases"))
     text = report.markdown(results, furnace)
     if args.output is not None:
-        from ..image_write import replacing
+        from .._output import write_text
 
-        with replacing(args.output) as temporary, open(temporary, "w", encoding="utf-8") as file:
-            file.write(text)
+        write_text(args.output, text)
     if args.plot is not None:
         report.plot(results, furnace, args.plot)
     if args.json:

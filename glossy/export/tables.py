@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _check
-from ..image_write import replacing
+from .._output import write_text
 from .languages import LANGUAGES, Language
 
 if TYPE_CHECKING:
@@ -36,8 +36,7 @@ def export(pattern: "Pattern", form: str, path: str | pathlib.Path | None = None
 def write(text: str, path: str | pathlib.Path | None) -> None:
     """Write ``text`` to ``path``, whole or not at all; nothing without a path."""
     if path is not None:
-        with replacing(path) as temporary:
-            pathlib.Path(temporary).write_text(text, encoding="utf-8")
+        write_text(path, text)
 
 
 def _json(pattern: "Pattern") -> str:

@@ -8,8 +8,8 @@ import pathlib
 import numpy as np
 
 from .. import _check
+from .._output import write_figure
 from ..export.tables import write
-from ..image_write import replacing
 from .table import lattice_taps
 
 FORMATS = ("json", "csv")
@@ -77,5 +77,4 @@ def plot(samples: int, elongation: float, path: str | pathlib.Path) -> None:
         title=f"lattice, elongation {elongation:g}",
     )  # fmt: skip
     figure.legend(loc="outside lower center", ncols=2, frameon=False)
-    with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=110)
+    write_figure(path, figure, dpi=110)

@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from .._output import write_figure
 from ..frames import spherical
-from ..image_write import replacing
 from .fit import SIDES, Fit
 from .fit_report import AngleLine
 from .table import MeasuredTable
@@ -46,8 +46,7 @@ def _figure(width: float, height: float) -> "Figure":
 
 
 def _save(figure: "Figure", path: pathlib.Path) -> None:
-    with replacing(path) as temporary:
-        figure.savefig(temporary, format="png")
+    write_figure(path, figure)
 
 
 def _spread(values: Float64Array, n: int) -> npt.NDArray[np.intp]:

@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..brdf import Lobe, Material
-from ..image_write import replacing
 from .fit import SIDES, Fit
 from .fit_kernels import L1
 from .fit_metrics import METRICS, finish, transform
@@ -118,6 +117,19 @@ def material_text(material: Material, suffix: str = ".toml") -> str:
     return "\n".join(blocks)
 
 
+def energy_line(fit: Fit) -> str:
+    """One sentence on the light that the fitted material sends out; empty for the baselines."""
+    found = fit.energy
+    if found is None:
+        return ""
+    theta = found["worst"][0]
+    held = "" if found["limit"] is None else f", held at or below 1 to {found['limit']:g} degrees"
+    text = f"largest directional albedo {found['largest']:.4g} at {theta:g} degrees{held}"
+    if found["exceeds_from"] is None:
+        return text
+    return f"{text}: sends out more than it receives from {found['exceeds_from']:g} degrees"
+
+
 def material_line(material: Material) -> str | None:
     """A material as a line ``key=value,...`` for ``--material``; None if it has several lobes."""
     if material.transmission or len(material.reflection) > 1:
@@ -147,12 +159,6 @@ def _rounded(value: Any) -> Any:
 def _toml(value: float | Sequence[float]) -> str:
     rounded = _rounded(value)
     return json.dumps(rounded)
-
-
-def write_text(path: pathlib.Path, text: str) -> None:
-    """Write a text file whole or not at all."""
-    with replacing(path) as temporary:
-        pathlib.Path(temporary).write_text(text, encoding="utf-8")
 
 
 def parameter_table(fit: Fit) -> str:
@@ -198,6 +204,7 @@ def report_text(
             f"{', '.join(fit.at_bounds)}."
         )
     if fit.material is not None:
+        parts.append(f"Energy: {energy_line(fit)}.")
         parts += ["## Material", f"```toml\n{material_text(fit.material)}```"]
     stages = [f"| {s.name} | {s.error:.5g} | {s.seconds:.2f} |" for s in fit.stages]
     parts += ["## Steps", "\n".join(["| step | error | seconds |", "|---|---|---|", *stages])]

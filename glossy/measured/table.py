@@ -10,6 +10,7 @@ transmission; a table may have light from above, from below, or both.
 """
 
 import dataclasses
+import io
 import math
 import os
 from collections.abc import Sequence
@@ -21,6 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from .. import _check
+from .._arguments import checked
 
 Float64Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -65,6 +67,7 @@ class MeasuredTable:
     isotropic: bool
     channels: tuple[str, ...]
 
+    @checked
     def __init__(
         self,
         wi: npt.ArrayLike,
@@ -165,7 +168,7 @@ class MeasuredTable:
         Angles and values have twelve digits. Where ``|cos theta_o|`` is below 1e-6, p does not tell
         f, and reading gives f = 0. Weights are written too.
         """
-        from ..image_write import replacing
+        from .._output import write_text
 
         theta_i, phi_i = angles(self.wi)
         theta_o, phi_o = angles(self.wo)
@@ -177,8 +180,9 @@ class MeasuredTable:
             names.append("weight")
         header = f"name: {' '.join(self.name.split())}\nangles: degrees\n"
         header += f"isotropic: {'yes' if self.isotropic else 'no'}\ncolumns: {' '.join(names)}"
-        with replacing(path) as temporary, open(temporary, "w", encoding="utf-8") as file:
-            np.savetxt(file, np.stack(columns, axis=1), fmt="%.12g", header=header)
+        text = io.StringIO()
+        np.savetxt(text, np.stack(columns, axis=1), fmt="%.12g", header=header)
+        write_text(path, text.getvalue())
 
 
 def angles(v: Float64Array) -> tuple[Float64Array, Float64Array]:

@@ -5,11 +5,11 @@ settings and the sources that make it. A moved camera or another method finds it
 object makes a new one. ``update`` makes it again in any case.
 """
 
+import contextlib
 import dataclasses
 import hashlib
 import os
 import pathlib
-import tempfile
 import time
 import zipfile
 from collections.abc import Mapping
@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _check, methods
+from .._output import write_npz
 from .._sources import sources_of
 from ..cubemap import CubeMap
 from ..irradiance import irradiance_map
@@ -40,18 +41,10 @@ def cache_root() -> pathlib.Path:
 
 
 def _store(path: pathlib.Path, arrays: dict[str, npt.NDArray[Any]]) -> None:
-    """Write an npz beside its place and move it there; a full or read-only disk is no error."""
-    try:
+    """Keep arrays for the next time; a full or read-only disk is no error."""
+    with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    except OSError:
-        return
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            np.savez(stream, **arrays)  # type: ignore[arg-type]
-        os.replace(name, path)
-    except OSError:
-        pathlib.Path(name).unlink(missing_ok=True)
+        write_npz(path, arrays)
 
 
 def _load(path: pathlib.Path) -> dict[str, npt.NDArray[Any]] | None:

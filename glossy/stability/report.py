@@ -97,7 +97,7 @@ def plot(results: Sequence[Result], furnace: Sequence[Mapping[str, Any]], path: 
     """Error of single precision against the view (left), furnace ratios (right), as PNG."""
     import matplotlib.figure
 
-    from ..image_write import replacing
+    from .._output import write_figure
 
     figure = matplotlib.figure.Figure(figsize=(9.0, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -123,5 +123,4 @@ def plot(results: Sequence[Result], furnace: Sequence[Mapping[str, Any]], path: 
     right.axhline(1.0, color="black", linewidth=0.8)
     right.set(xlabel="m", ylabel="white furnace: radiance / albedo", ylim=(0.6, 1.4))
     right.legend(fontsize=6, ncols=3)
-    with replacing(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=90)
+    write_figure(path, figure, dpi=90)

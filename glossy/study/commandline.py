@@ -9,8 +9,9 @@ from contextlib import nullcontext
 from typing import Any
 
 from .. import _check
+from .._output import write_text
 from ..commands import options
-from . import claims, plots, report, settings, spread, store
+from . import claims, plots, report, settings, spread
 from .run import Study
 
 SIDE = 128  # pixels of the default picture: the default study takes about a minute
@@ -93,9 +94,9 @@ def finish(study: Study, variants: dict[str, list[claims.Claim]]) -> list[str]:
             name = f"pictures-{case.slug}-{kind}.png"
             if plots.pictures(study, case.name, kind, folder / name):
                 names.append(name)
-    store.write_text(folder / "study.csv", report.to_csv(study.cells))
-    store.write_text(folder / "report.md", report.markdown(study, variants, names))
-    store.write_text(folder / "study.json", report.dumps(report.to_dict(study, variants, names)))
+    write_text(folder / "study.csv", report.to_csv(study.cells))
+    write_text(folder / "report.md", report.markdown(study, variants, names))
+    write_text(folder / "study.json", report.dumps(report.to_dict(study, variants, names)))
     return names
 
 

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..image_write import encode_srgb, replacing
+from .._output import write_figure
+from ..image_write import encode_srgb
 from .bench import comparable
 from .claims import Table
 from .measure import LUMINANCE
@@ -41,8 +42,7 @@ def _figure(width: float, height: float) -> "Figure":
 
 
 def _save(figure: "Figure", path: pathlib.Path) -> None:
-    with replacing(path) as temporary:
-        figure.savefig(temporary, format="png")
+    write_figure(path, figure)
 
 
 def speed_against_error(cells: Sequence["Cell"], path: pathlib.Path, subtitle: str) -> None:

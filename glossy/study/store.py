@@ -2,38 +2,75 @@
 
 ::
 
-    DIR/study.lock.json    what is measured, and the sessions that measured it
-    DIR/cells/*.json       one finished measurement each
-    DIR/truth/*.npz        ground truth of each case
+    DIR/study.lock.json     what is measured, and the sessions that measured it
+    DIR/study.running.json  the process that works there (``lock``)
+    DIR/cells/*.json        one finished measurement each
+    DIR/truth/*.npz         ground truth of each case
 
-A study that is resumed takes the finished files as they are, so its numbers stay the same.
+A study that is resumed takes the finished files as they are, so its numbers stay the same. It may
+have more cases, methods and budgets than before. Each file carries a checksum (``sealed``) and the
+mark of what it was measured with; one that does not fit is refused and stays where it is.
 """
 
+import contextlib
 import json
 import os
 import pathlib
+import re
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from .._output import write_npz, write_text
 from ..gbuffer import load_npz
-from ..image_write import replacing
+from . import sealed
+from .lock import Lock
+from .settings import digest
 
 MANIFEST = "study.lock.json"
-TRUTH = ("radiance", "error", "kind", "seconds")
+TRUTH = ("radiance", "error", "kind", "seconds", "study")
+GROWING = ("cases", "methods", "budgets", "thresholds")  # settings that may become more
+LEFT_OVER = re.compile(r"\..+-[0-9a-f]{12}\.(json|npz|csv|md|png)")
+"""Name of a file that was being written when its process ended."""
 Array = npt.NDArray[np.float64]
-
-
-def write_text(path: pathlib.Path, text: str) -> None:
-    """Write UTF-8 text, whole or not at all."""
-    with replacing(path) as temporary:
-        pathlib.Path(temporary).write_text(text, encoding="utf-8")
 
 
 def write_json(path: pathlib.Path, value: Any) -> None:
     """Write JSON, whole or not at all; NaN and infinity are refused."""
     write_text(path, json.dumps(value, indent=1, allow_nan=False) + "\n")
+
+
+def recorded(folder: str | os.PathLike[str]) -> tuple[dict[str, Any], list[Any]] | None:
+    """Settings and sessions of the study in a folder; None if there is none.
+
+    Raises
+    ------
+    OSError, ValueError
+        If its record cannot be read.
+    """
+    manifest = pathlib.Path(folder) / MANIFEST
+    if not sealed.is_there(manifest):
+        return None
+    with _naming(manifest, "the record of a study"):
+        found = sealed.read(manifest)
+        try:
+            settings, sessions = dict(found["settings"]), list(found["sessions"])
+            kept = [dict(session) for session in sessions]
+            for name in (*GROWING, "baseline"):
+                list(settings[name])
+        except (KeyError, TypeError, ValueError):
+            raise ValueError("settings or sessions are missing") from None
+    return settings, kept
+
+
+@contextlib.contextmanager
+def _naming(path: pathlib.Path, what: str, advice: str = "") -> Iterator[None]:
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{path}: not {what}: {error}{advice}") from None
 
 
 class Store:
@@ -53,7 +90,8 @@ class Store:
     Raises
     ------
     ValueError
-        If the folder holds a study that cannot be continued or must not be overwritten.
+        If the folder holds a study that cannot be continued or must not be overwritten, or another
+        process works there.
     """
 
     def __init__(
@@ -64,30 +102,37 @@ class Store:
         (self.folder / "cells").mkdir(parents=True, exist_ok=True)
         (self.folder / "truth").mkdir(exist_ok=True)
         self.sessions: list[Any] = []
-        kept = ("cells/*.json", "truth/*.npz")
-        if any(any(self.folder.glob(pattern)) for pattern in kept):
-            if not resume:
-                raise ValueError(
-                    f"{self.folder}: holds a study already; --resume continues it, "
-                    "or choose another folder"
-                )
-            self._continue(self.folder / MANIFEST)
-        self.sessions.append(machine)
-        self.save_manifest()
+        self.lock = Lock(self.folder)
+        with self.lock:
+            kept = ("cells/*.json", "truth/*.npz")
+            if any(any(self.folder.glob(pattern)) for pattern in kept):
+                if not resume:
+                    raise ValueError(
+                        f"{self.folder}: holds a study already; --resume continues it, "
+                        "or choose another folder"
+                    )
+                self._continue()
+            self._sweep()
+            self.sessions.append(machine)
+            self.save_manifest()
 
-    def _continue(self, manifest: pathlib.Path) -> None:
-        try:
-            old = json.loads(manifest.read_text(encoding="utf-8"))
-            settings, sessions = dict(old["settings"]), list(old["sessions"])
-        except (OSError, ValueError, KeyError, TypeError):
-            raise ValueError(f"{manifest}: not the record of a study") from None
-        if settings != self.settings:
-            keys = dict.fromkeys([*self.settings, *settings])
-            changed = [k for k in keys if settings.get(k) != self.settings.get(k)]
+    def _continue(self) -> None:
+        old = recorded(self.folder)
+        if old is None:
+            raise ValueError(f"{self.folder / MANIFEST}: not the record of a study: is missing")
+        settings, self.sessions = old
+        changed = list(_changes(settings, self.settings))
+        if changed:
             raise ValueError(
                 f"{self.folder}: holds a study with other settings ({', '.join(changed)})"
             )
-        self.sessions = sessions
+
+    def _sweep(self) -> None:
+        """Remove what processes that were killed had begun to write."""
+        for folder in (self.folder, self.folder / "cells", self.folder / "truth"):
+            for path in folder.iterdir():
+                if LEFT_OVER.fullmatch(path.name) and path.is_file():
+                    path.unlink()
 
     @property
     def session(self) -> int:
@@ -96,40 +141,82 @@ class Store:
 
     def save_manifest(self) -> None:
         """Write settings and sessions."""
-        value = {"schema": 1, "settings": self.settings, "sessions": self.sessions}
+        value = sealed.sealed({"settings": self.settings, "sessions": self.sessions})
         write_json(self.folder / MANIFEST, value)
+
+    def check_mine(self) -> None:
+        """Refuse if another process has taken the folder since this study was made."""
+        if recorded(self.folder) != (self.settings, self.sessions):
+            raise ValueError(f"{self.folder}: another study was started here meanwhile")
+
+    def mark(self, case: str) -> str:
+        """What figures of a case depend on beside method and budget, in a few digits."""
+        fixed = {name: v for name, v in self.settings.items() if name not in GROWING}
+        return digest(fixed, *(c for c in self.settings["cases"] if c["name"] == case))
 
     def cell_path(self, key: str) -> pathlib.Path:
         """Where a finished measurement is kept."""
         return self.folder / "cells" / f"{key}.json"
 
-    def get(self, key: str) -> dict[str, Any] | None:
-        """A finished measurement, or None."""
+    def get(self, key: str, case: str, kind: type) -> dict[str, Any] | None:
+        """The fields of a finished measurement of type ``kind``, or None."""
         path = self.cell_path(key)
-        if not path.exists():
+        if not sealed.is_there(path):
             return None
-        try:
-            return dict(json.loads(path.read_text(encoding="utf-8")))
-        except (ValueError, TypeError):
-            raise ValueError(f"{path}: not a finished measurement; delete it to redo it") from None
+        with self.naming(path):
+            found: dict[str, Any] = sealed.read(path, kind, ("study",))
+            self._check_mark(found.pop("study"), case)
+        return found
 
-    def put(self, key: str, value: dict[str, Any]) -> None:
+    @contextlib.contextmanager
+    def naming(self, path: pathlib.Path, what: str = "a finished measurement") -> Iterator[None]:
+        """Faults that are raised inside name the file and the way out."""
+        with _naming(path, what, "; delete it to redo it"):
+            yield
+
+    def _check_mark(self, mark: object, case: str) -> None:
+        if mark != self.mark(case):
+            raise ValueError("of a study with other settings")
+
+    def put(self, key: str, case: str, value: dict[str, Any]) -> None:
         """Keep a finished measurement."""
-        write_json(self.cell_path(key), value)
+        write_json(self.cell_path(key), sealed.sealed({"study": self.mark(case), **value}))
 
-    def get_truth(self, key: str) -> dict[str, Array] | None:
+    def get_truth(self, key: str, case: str) -> dict[str, Array] | None:
         """Arrays of a finished ground truth, or None."""
         path = self.folder / "truth" / f"{key}.npz"
-        if not path.exists():
+        if not sealed.is_there(path):
             return None
-        try:
-            found = load_npz(path, TRUTH)
-            return {name: found[name] for name in TRUTH}
-        except (ValueError, KeyError):
-            raise ValueError(f"{path}: not a finished truth; delete it to redo it") from None
+        with self.naming(path, "a finished truth"):
+            try:
+                found = load_npz(path, (*TRUTH, "sha256"))
+            except ValueError as error:
+                raise ValueError(str(error).removeprefix(f"{path}: ")) from None
+            checksum = found.pop("sha256", None)
+            if checksum is None or set(found) != set(TRUTH):
+                raise ValueError("of another version, without a checksum")
+            if str(checksum) != sealed.array_checksum(found):
+                raise ValueError("changed since it was written: its checksum is another")
+            self._check_mark(str(found.pop("study")), case)
+        return found
 
-    def put_truth(self, key: str, arrays: dict[str, Any]) -> None:
+    def put_truth(self, key: str, case: str, arrays: dict[str, Any]) -> None:
         """Keep a finished ground truth."""
+        whole = {**arrays, "study": np.array(self.mark(case))}
         path = self.folder / "truth" / f"{key}.npz"
-        with replacing(path) as temporary:
-            np.savez(temporary, allow_pickle=False, **arrays)
+        write_npz(path, {**whole, "sha256": np.array(sealed.array_checksum(whole))})
+
+
+def _changes(old: dict[str, Any], new: dict[str, Any]) -> Iterator[str]:
+    """Settings that make measured cells differ, or that leave some out."""
+    for name in dict.fromkeys([*new, *old]):
+        before, now = old.get(name), new.get(name)
+        if name == "thresholds" or before == now:
+            continue  # which follow from the budgets
+        if name not in GROWING:
+            yield name
+            continue
+        lost = [one for one in list(before or []) if one not in (now or [])]
+        if lost:
+            words = [one["name"] if isinstance(one, dict) else str(one) for one in lost]
+            yield f"{name} without {' '.join(words)}"
