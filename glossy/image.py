@@ -1,28 +1,33 @@
 """Images in and out: OpenEXR, Radiance HDR, PNG and what else OpenImageIO reads.
 
-A Radiance pixel of mantissas m and exponent E holds, as most programs read it, ::
-
-    value = m 2^(E - 136)        (E = 0: black)                                              (1)
-
 An integer sample q of n bits is the fraction v = q / (2^n - 1), and where the file is sRGB ::
 
-    linear = v / 12.92                       v <= 0.04045                                    (2)
+    linear = v / 12.92                       v <= 0.04045                                    (1)
              ((v + 0.055) / 1.055)^2.4       otherwise
 
-Whether integers are linear or sRGB is never guessed: the caller names it. The writers are in
-`image_write`; they are public names of this module too.
+Whether integers are linear or sRGB is never guessed: the caller names it. What a file claims is
+held against the limits before it is decoded.
+
+OpenEXR stores the pixels of a data window, which need not be the picture, the display window. The
+rule of ``framed``: pixels beyond the display window are cut; where it has none, the picture is
+refused, or black if the caller says so.
+
+The writers are in `image_write`; they are public names of this module too.
 """
 
 import dataclasses
+import math
 import os
-import stat
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from . import _check
+from . import _check, _exr_header, _formats, _memory, _radiance
+from ._arguments import checked
+from ._files import check_regular
 from ._quiet import c_messages
 from .image_write import write_exr, write_image
 
@@ -43,7 +48,9 @@ Path = str | os.PathLike[str]
 MAX_PIXELS = 2**28
 CHANNELS_PER_PIXEL = 16  # of the largest image admitted; smaller ones may have more
 ENCODINGS = ("linear", "srgb")
-EXR_MAGIC = b"\x76\x2f\x31\x01"
+WINDOWS = ("data", "display", "black")
+REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # red, green, blue, white: x, y
+RADIANCE = (0.640, 0.330, 0.290, 0.600, 0.150, 0.060, 0.3333, 0.3333)  # what its files start from
 
 
 class ImageError(ValueError):
@@ -106,34 +113,50 @@ class Image:
 
 
 def colour_channels(names: Sequence[str]) -> tuple[str, ...] | None:
-    """The channels that are the picture: R, G, B, else Y, else None."""
-    for wanted in (("R", "G", "B"), ("Y",)):
-        if all(n in names for n in wanted):
-            return wanted
-    return None
+    """The channels that are the picture: R, G, B, else Y alone or with A (grey), else None."""
+    if {"R", "G", "B"} <= set(names):
+        return ("R", "G", "B")
+    return ("Y",) if "Y" in names and set(names) <= {"Y", "A"} else None
 
 
-def read_image(path: Path, encoding: str | None = None, max_pixels: int = MAX_PIXELS) -> Image:
+@checked
+def read_image(
+    path: Path,
+    encoding: str | None = None,
+    max_pixels: int = MAX_PIXELS,
+    window: str = "data",
+) -> Image:
     """Read an image as linear float32, all its channels.
+
+    A header that says the values are not linear Rec. 709 (OpenEXR's chromaticities, Radiance's
+    PRIMARIES and GAMMA) is warned of and not applied; EXPOSURE and COLORCORR are.
 
     Parameters
     ----------
     path : path
         OpenEXR (one flat part, any compression), Radiance HDR, PNG, TIFF, ...
     encoding : "linear" or "srgb", optional
-        What 8 and 16-bit integers mean, eq. (2); alpha is always linear. Without it such a file
+        What 8 and 16-bit integers mean, eq. (1); alpha is always linear. Without it such a file
         is refused. Floating-point files are linear and do not look at it.
     max_pixels : int
         Largest width times height admitted.
+    window : "data", "display" or "black"
+        Pixels as stored, or those of OpenEXR's display window: a file that stores only part of it
+        is refused, or black where it stores none.
 
     Raises
     ------
     OSError
-        No such file, a directory, no permission.
+        No such file, a directory, a device, no permission.
     ValueError
-        Not an image, truncated, deep, in several parts, too large, or integers of unnamed encoding.
+        Not an image, truncated, deep, in several parts, too large, integers of unnamed encoding, or
+        a data window that does not cover the display window.
     """
-    source = read_planes(path, encoding, max_pixels)
+    source = read_planes(path, encoding, max_pixels, window)
+    said = " and ".join(unapplied(source.metadata))
+    if said:
+        rest = "not applied, values are taken as linear Rec. 709"
+        warnings.warn(f"{source.name}: {said}: {rest}", stacklevel=3)  # 2 is ``checked``
     pixels = np.empty((*source.shape, len(source.planes)), dtype=np.float32)
     with np.errstate(over="ignore"):
         for i, plane in enumerate(source.planes.values()):
@@ -141,20 +164,62 @@ def read_image(path: Path, encoding: str | None = None, max_pixels: int = MAX_PI
     return Image(pixels, tuple(source.planes), source.metadata)
 
 
-def read_planes(path: Path, encoding: str | None = None, max_pixels: int = MAX_PIXELS) -> Planes:
-    """Read an image as separate channels in the file's sample type; see `read_image`."""
+def unapplied(metadata: Mapping[str, Any]) -> list[str]:
+    """Entries of a header that change what its values mean and are not applied, as text."""
+    found = []
+    for key, meant in (("chromaticities", (REC_709,)), ("PRIMARIES", (REC_709, RADIANCE))):
+        try:
+            value = metadata.get(key, ())
+            words = value.split() if isinstance(value, str) else value
+            numbers = [float(v) for v in words]
+        except (TypeError, ValueError):
+            numbers = [math.nan]
+        known = any(
+            np.allclose(numbers, m, rtol=0.0, atol=2e-3) for m in meant if len(numbers) == 8
+        )
+        if any(numbers) and not known:  # Photoshop writes zeros
+            found.append(f"{key} {' '.join(f'{v:g}' for v in numbers[:8])}")
+    gamma = str(metadata.get("GAMMA", "1"))
+    try:
+        is_one = float(gamma) == 1.0
+    except ValueError:
+        is_one = False
+    return [*found, f"GAMMA {_check.shortened(gamma, 40)}"] if not is_one else found
+
+
+def read_planes(
+    path: Path,
+    encoding: str | None = None,
+    max_pixels: int = MAX_PIXELS,
+    window: str = "data",
+) -> Planes:
+    """Read an image as separate channels in the file's sample type; see `read_image`.
+
+    Nothing is warned of: ``unapplied(planes.metadata)`` names what a header says and is not done.
+    """
     name = os.fspath(path)
     limit = _check.count("max_pixels", max_pixels)
+    _check.choice("window", window, WINDOWS)
     if encoding is not None:
         _check.choice("encoding", encoding, ENCODINGS)
-    is_exr = _first_bytes(name) == EXR_MAGIC
+    first = _first_bytes(name)
+    is_exr = first.startswith(_exr_header.MAGIC)
     if name.lower().endswith(".exr") and not is_exr:
         raise ImageError(f"{name}: is not an OpenEXR file")
     with c_messages() as said:
         try:
-            return _read_exr(name, limit) if is_exr else _read_other(name, encoding, limit)
+            if is_exr:
+                return framed(_read_exr(name, limit), window, limit)
+            if _radiance.is_radiance(first):
+                return _read_radiance(name, limit)
+            planes, metadata = _formats.read_planes(
+                name, encoding, lambda w, h, c, size: _check_size(name, w, h, c, size, limit)
+            )
+            return Planes(name, planes, metadata)
         except ImageError:
             raise
+        except _formats.FormatError as error:
+            raise ImageError(f"{name}: {error}") from None
         except Exception as error:  # of a damaged file the libraries raise what they like
             text = str(error)
             if "Unable to open" in text:  # which is no news: it exists and was opened above
@@ -163,131 +228,119 @@ def read_planes(path: Path, encoding: str | None = None, max_pixels: int = MAX_P
             raise ImageError(f"{name}: cannot be read: {reason}") from None
 
 
+def framed(source: Planes, window: str, limit: int = MAX_PIXELS) -> Planes:
+    """The pixels of the display window, by the rule of the module's head.
+
+    Parameters
+    ----------
+    source : Planes
+        As stored; without windows in its metadata it is returned as it is.
+    window : "data", "display" or "black"
+        See `read_image`.
+    limit : int
+        Largest width times height admitted.
+
+    Raises
+    ------
+    ValueError
+        Naming both windows, if the data window does not cover the display window ("display") or
+        they do not meet ("black").
+    """
+    name, metadata = source.name, source.metadata
+    if window == "data" or not {"dataWindow", "displayWindow"} <= set(metadata):
+        return source
+    data, display = (
+        np.asarray(metadata[key], dtype=np.int64) for key in ("dataWindow", "displayWindow")
+    )
+    if np.array_equal(data, display):
+        return source
+    low, high = np.maximum(data[0], display[0]), np.minimum(data[1], display[1])
+    texts = [f"window ({x0}, {y0}) to ({x1}, {y1})" for (x0, y0), (x1, y1) in (data, display)]
+    both = f"its data {texts[0]}, its display {texts[1]}"
+    if (low > high).any():
+        raise ImageError(f"{name}: stores no pixel of the picture: {both}")
+    if window == "display" and ((display[0] < low).any() or (display[1] > high).any()):
+        way = "window='black', for environments crop='black' or --crop black, makes the rest black"
+        raise ImageError(f"{name}: stores only part of the picture: {both}; {way}")
+    width, height = (int(n) for n in display[1] - display[0] + 1)
+    size = sum(plane.itemsize for plane in source.planes.values()) / len(source.planes)
+    _check_size(name, width, height, len(source.planes), size, limit)
+    planes = {}
+    into = tuple(slice(low[k] - display[0][k], high[k] - display[0][k] + 1) for k in (1, 0))
+    out_of = tuple(slice(low[k] - data[0][k], high[k] - data[0][k] + 1) for k in (1, 0))
+    for channel, plane in source.planes.items():
+        planes[channel] = np.zeros((height, width), dtype=plane.dtype)
+        planes[channel][into] = plane[out_of]
+    return Planes(name, planes, {**metadata, "dataWindow": metadata["displayWindow"]})
+
+
 def _first_bytes(name: str) -> bytes:
+    check_regular(name)
     try:
-        mode = os.stat(name).st_mode
-        if stat.S_ISDIR(mode):
-            raise IsADirectoryError(f"{name}: is a directory, not an image")
-        if not stat.S_ISREG(mode):
-            raise OSError(f"{name}: is not a regular file")
         with open(name, "rb") as file:
-            first = file.read(len(EXR_MAGIC))
+            first = file.read(4096)
     except OSError as error:
-        if error.errno is None:
-            raise
         raise type(error)(f"{name}: {(error.strerror or 'unreadable').lower()}") from None
     if not first:
         raise ImageError(f"{name}: is empty")
     return first
 
 
-def _check_size(name: str, width: int, height: int, channels: int, limit: int) -> None:
+def _check_size(
+    name: str, width: int, height: int, channels: int, sample: float, limit: int
+) -> None:
+    # ``sample``: bytes of a channel of a pixel as stored; a float32 copy is made of each
     if width < 1 or height < 1 or channels < 1:
-        raise ImageError(f"{name}: has no pixels ({width} x {height}, {channels} channels)")
+        raise ImageError(
+            f"{name}: cannot be read: has no pixels ({width} x {height}, {channels} channels)"
+        )
     if width * height > limit or width * height * channels > CHANNELS_PER_PIXEL * limit:
         raise ImageError(
             f"{name}: {width} x {height} with {channels} channels is more than the limit of "
-            f"{limit} pixels (max_pixels)"
+            f"{limit} pixels (max_pixels); --max-pixels raises it"
         )
+    try:
+        _memory.check(name, int(width * height * channels * (sample + 4)))
+    except ValueError as error:
+        raise ImageError(str(error)) from None
 
 
 def _read_exr(name: str, limit: int) -> Planes:
     import OpenEXR
 
-    _check_exr_header(name, OpenEXR.File(name, header_only=True), limit)
-    file = OpenEXR.File(name, separate_channels=True)
+    with open(name, "rb") as stream:
+        header = _exr_header.read_header(stream)
+    if header.parts != 1:
+        raise ImageError(f"{name}: has {header.parts} parts; one image per file is read")
+    if header.deep:
+        raise ImageError(f"{name}: is a deep image; only flat ones are read")
+    count = len(header.channels)
+    width, height = header.size
+    _check_size(name, width, height, count, header.pixel_bytes / max(count, 1), limit)
+    header.check_capacity()
+    for channel, _, across, down in header.channels:
+        if across != 1 or down != 1:
+            raise ImageError(f"{name}: channel {channel} is subsampled, which is not read")
+    with _exr_header.readable(name, header) as path:
+        file = OpenEXR.File(path, separate_channels=True)
     if not file.parts:  # the library's way to say that the pixels could not be read
         raise RuntimeError("damaged or truncated pixel data")
-    header = {k: v for k, v in file.header().items() if k != "channels"}
+    entries = {k: v for k, v in file.header().items() if k != "channels"}
     found = {n: c.pixels for n, c in file.channels().items()}
     order = [n for n in "RGBA" if n in found]
     planes = {n: found[n] for n in [*order, *(n for n in found if n not in order)]}
     kinds = {"float16": "half", "float32": "float", "uint32": "uint32"}
     stored = [kinds.get(p.dtype.name, p.dtype.name) for p in planes.values()]
-    return Planes(name, planes, {**header, "sample_type": stored[0]})
+    return Planes(name, planes, {**entries, "sample_type": stored[0]})
 
 
-def _check_exr_header(name: str, file: Any, limit: int) -> None:
-    import OpenEXR
-
-    if len(file.parts) != 1:
-        raise ImageError(f"{name}: has {len(file.parts)} parts; one image per file is read")
-    header = file.header()
-    if header.get("type") in (OpenEXR.deepscanline, OpenEXR.deeptile):
-        raise ImageError(f"{name}: is a deep image; only flat ones are read")
-    low, high = (np.asarray(corner, dtype=np.int64) for corner in header["dataWindow"])
-    width, height = (int(n) for n in high - low + 1)
-    _check_size(name, width, height, len(header["channels"]), limit)
-    for channel in header["channels"]:
-        if channel.xSampling != 1 or channel.ySampling != 1:
-            raise ImageError(f"{name}: channel {channel.name} is subsampled, which is not read")
-
-
-def _read_other(name: str, encoding: str | None, limit: int) -> Planes:
-    import OpenImageIO as oiio  # noqa: N813
-
-    raw_alpha = oiio.ImageSpec()
-    raw_alpha.attribute("oiio:UnassociatedAlpha", 1)
-    source = oiio.ImageInput.open(name, raw_alpha)
-    if source is None:
-        raise RuntimeError(oiio.geterror() or "unknown format")
-    try:
-        spec = source.spec()
-        kind = str(spec.format)
-        _check_size(name, spec.width, spec.height * spec.depth, spec.nchannels, limit)
-        if spec.deep or spec.depth > 1:
-            raise ImageError(f"{name}: is a deep or volume image; only flat ones are read")
-        several = source.seek_subimage(1, 0)
-        source.geterror()  # forget that there is no second one
-        if several:
-            raise ImageError(f"{name}: holds several images; one image per file is read")
-        source.seek_subimage(0, 0)
-        if kind not in ("half", "float", "double", "uint8", "uint16"):
-            raise ImageError(f"{name}: samples of type {kind} are not read")
-        if kind.startswith("uint") and encoding is None:
-            raise ImageError(
-                f"{name}: holds integers ({kind}); say whether they are linear or srgb (encoding)"
-            )
-        pixels = source.read_image(0, 0, 0, spec.nchannels, kind)
-        if pixels is None or source.has_error:
-            raise RuntimeError(source.geterror() or "truncated")
-        metadata = {entry.name: entry.value for entry in spec.extra_attribs}
-        if source.format_name() == "hdr":
-            pixels = _eight_bits(pixels)
-    finally:
-        source.close()
-    pixels = _upright(
-        pixels.reshape(spec.height, spec.width, -1), int(str(metadata.get("Orientation", 1)))
-    )
-    planes = {}
-    for i, channel in enumerate(spec.channelnames):
-        plane = pixels[..., i]
-        if kind.startswith("uint"):
-            plane = _decode_table(kind, "linear" if channel == "A" else str(encoding))[plane]
-        planes[channel] = plane
-    return Planes(name, planes, {**metadata, "sample_type": kind})
-
-
-def _eight_bits(pixels: Float32Array) -> Float32Array:
-    # eq. (1) exactly: the reader's powers of two are off by a last bit for three exponents, and a
-    # mantissa has at most 8 significant bits (below the normal range the reader is exact)
-    bits = pixels.view(np.uint32)
-    rounded = (bits + np.uint32(0x8000)) & np.uint32(0xFFFF0000)
-    return np.where(bits >= 0x00800000, rounded, bits).view(np.float32)
-
-
-def _upright(pixels: Plane, orientation: int) -> Plane:
-    # (H, W, C) as stored -> row 0 on top, column 0 at the left; EXIF's numbering 1..8
-    if orientation >= 5:
-        pixels = pixels.swapaxes(0, 1)
-    rows = -1 if orientation in (3, 4, 7, 8) else 1
-    columns = -1 if orientation in (2, 3, 6, 7) else 1
-    return pixels[::rows, ::columns]
-
-
-def _decode_table(kind: str, encoding: str) -> Float32Array:
-    top = np.iinfo(kind).max
-    v = np.arange(top + 1) / top
-    if encoding == "srgb":
-        v = np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
-    return np.asarray(v, dtype=np.float32)
+def _read_radiance(name: str, limit: int) -> Planes:
+    with open(name, "rb") as stream:
+        data = stream.read(_radiance.MOST_HEADER)
+        header = _radiance.read_header(data)
+        width, height = header.size
+        _check_size(name, width, height, 3, 8, limit)
+        data += stream.read(max(_radiance.most_bytes(header) - len(data), 0))
+    pixels = _radiance.read_pixels(data, header)
+    planes = {c: pixels[..., i] for i, c in enumerate("RGB")}
+    return Planes(name, planes, {**header.entries, "sample_type": "float"})

@@ -7,7 +7,9 @@ centre at v = (i + 1/2)/H, u = (j + 1/2)/W, and seen in the picture's own axes i
 
 The conventions of other tools differ by a rotation or a mirror, so a preset is the matrix M that
 takes a world direction to the picture's axes, d = M w. Mitsuba's also has other rows: its first
-and last row lie on the poles, theta_i = i pi/(H - 1).
+and last row lie on the poles, theta_i = i pi/(H - 1). So do OpenEXR's, whose first and last column
+are one meridian besides: phi_j = 2 pi j/(W - 1). That is a picture of W - 1 columns, the first of
+them the mean of those two, turned by half a column.
 
 What a picture is between its texel centres decides how much light it holds. With rows half a
 texel from the poles each texel gives its radiance times its exact solid angle ::
@@ -46,22 +48,38 @@ class Orientation:
         Orthogonal; takes a world direction to the axes of eq. (1). Determinant -1: a mirror.
     poles : bool
         True where the first and last row lie on the poles.
+    seam : bool
+        True where the first and last column are one meridian, u = 0 and 1.
     """
 
     matrix: Float64Array
     poles: bool = False
+    seam: bool = False
+
+    def turned(self, columns: int) -> Float64Array:
+        """The matrix of a picture of ``columns`` whose first column's centre is u = 0 if ``seam``.
+
+        It turns by half a column, so that eq. (1) gives that column's direction.
+        """
+        if not self.seam:
+            return self.matrix
+        c, s = math.cos(math.pi / columns), math.sin(math.pi / columns)
+        return np.asarray(np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]]) @ self.matrix)
 
 
-def _axes(*rows: tuple[int, int, int], poles: bool = False) -> Orientation:
+def _axes(*rows: tuple[int, int, int], poles: bool = False, seam: bool = False) -> Orientation:
     matrix = np.array(rows, dtype=np.float64)
     matrix.flags.writeable = False
-    return Orientation(matrix, poles)
+    return Orientation(matrix, poles, seam)
 
 
 # The comment is the tool's own formula for u, in its own axes; v is theta/pi for all of them.
 ORIENTATIONS = {
     "glossy": _axes((1, 0, 0), (0, 1, 0), (0, 0, 1)),  # u = atan2(x, -z)/2pi
     "mitsuba": _axes((1, 0, 0), (0, 1, 0), (0, 0, 1), poles=True),  # u = atan2(x, -z)/2pi
+    "openexr": _axes(
+        (1, 0, 0), (0, 1, 0), (0, 0, 1), poles=True, seam=True
+    ),  # 1/2 - atan2(x, z)/2pi
     "godot": _axes((1, 0, 0), (0, 1, 0), (0, 0, 1)),  # u = atan2(x, -z)/2pi
     "three": _axes((0, 0, -1), (0, 1, 0), (1, 0, 0)),  # u = 1/2 + atan2(z, x)/2pi
     "blender": _axes((0, 0, -1), (0, 1, 0), (1, 0, 0)),  # u = 1/2 - atan2(y, x)/2pi, z up
@@ -107,7 +125,8 @@ def latlong_directions(height: int, orientation: str | npt.ArrayLike = "glossy")
     n = _check.count("height", height, low=2, high=MAX_HEIGHT)
     how = orientation_of(orientation)
     theta = _rows(n, how.poles)[:, None]
-    phi = ((np.arange(2 * n) + 0.5) * (np.pi / n))[None, :]
+    u = np.arange(2 * n) / (2 * n - 1) if how.seam else (np.arange(2 * n) + 0.5) / (2 * n)
+    phi = (2.0 * np.pi * u)[None, :]
     y = np.broadcast_to(np.cos(theta), (n, 2 * n))
     d = np.stack([np.sin(theta) * np.sin(phi), y, -np.sin(theta) * np.cos(phi)], axis=-1)
     return np.asarray(d @ how.matrix)
@@ -116,32 +135,44 @@ def latlong_directions(height: int, orientation: str | npt.ArrayLike = "glossy")
 def latlong_solid_angles(height: int, orientation: str | npt.ArrayLike = "glossy") -> Float64Array:
     """Solid angle (H,) [sr] that a texel of each row stands for; W of each sum to 4 pi.
 
-    The texel's own, eq. (2); with rows on the poles the integral of its bilinear weight.
+    The texel's own, eq. (2); with rows on the poles the integral of its bilinear weight. Where two
+    columns are one meridian W - 1 of each sum to 4 pi: those two stand for half of it each.
     """
     n = _check.count("height", height, low=2, high=MAX_HEIGHT)
-    if not orientation_of(orientation).poles:
-        edge = np.cos(np.arange(n + 1) * (np.pi / n))
-        return np.asarray((edge[:-1] - edge[1:]) * (np.pi / n))
-    step = np.pi / (n - 1)
-    rows = np.sin(_rows(n, True)) * (2.0 * (1.0 - np.cos(step)) / step)
+    how = orientation_of(orientation)
+    return _row_angles(n, 2 * n - how.seam, how.poles)
+
+
+def _row_angles(height: int, columns: int, poles: bool) -> Float64Array:
+    across = 2.0 * np.pi / columns
+    if not poles:
+        edge = np.cos(np.arange(height + 1) * (np.pi / height))
+        return np.asarray((edge[:-1] - edge[1:]) * across)
+    step = np.pi / (height - 1)
+    rows = np.sin(_rows(height, True)) * (2.0 * (1.0 - np.cos(step)) / step)
     rows[0] = rows[-1] = 1.0 - np.sin(step) / step
-    return np.asarray(rows * (np.pi / n))
+    return np.asarray(rows * across)
 
 
-def _picture(pixels: npt.ArrayLike) -> Float32Array:
+def _picture(pixels: npt.ArrayLike, how: Orientation) -> Float32Array:
+    # (H, W, 3) with every column of its own: W = 2H, or 2H - 1 where two are one meridian
     p = np.asarray(_check.array("pixels", pixels, np.float32), dtype=np.float32)
     if p.ndim != 3 or p.shape[2] != 3 or p.shape[1] != 2 * p.shape[0] or p.shape[0] < 2:
         raise _check.fail("pixels", "must have shape (H, 2H, 3) with H >= 2", p.shape)
-    return p
+    if not how.seam:
+        return p
+    first = 0.5 * (p[:, :1].astype(np.float64) + p[:, -1:])
+    return np.ascontiguousarray(np.concatenate([first.astype(np.float32), p[:, 1:-1]], axis=1))
 
 
 def latlong_power(
     pixels: npt.ArrayLike, orientation: str | npt.ArrayLike = "glossy"
 ) -> Float64Array:
     """Integral of a lat-long picture (H, 2H, 3) over the sphere, (3,), eq. (2)."""
-    p = _picture(pixels)
+    how = orientation_of(orientation)
+    p = _picture(pixels, how)
     rows = p.sum(axis=1, dtype=np.float64)
-    return np.asarray(latlong_solid_angles(p.shape[0], orientation) @ rows)
+    return np.asarray(_row_angles(p.shape[0], p.shape[1], how.poles) @ rows)
 
 
 def latlong_to_cube(
@@ -166,9 +197,9 @@ def latlong_to_cube(
     ValueError
         For a wrong shape, values that are not finite, or an unknown orientation.
     """
-    p = _picture(pixels)
-    n = _check.count("size", size, high=MAX_HEIGHT)
     how = orientation_of(orientation)
+    p = _picture(pixels, how)
+    n = _check.count("size", size, high=MAX_HEIGHT)
     low = p.min(axis=0).min(axis=0).astype(np.float64)
     high = p.max(axis=0).max(axis=0).astype(np.float64)
     if not np.isfinite([low, high]).all():  # NaN is the least and the largest where there is one
@@ -180,7 +211,8 @@ def latlong_to_cube(
     face = np.arange(6)
     centre = face_directions(face, 0.0, 0.0)
     along = [face_directions(face, s, t) - centre for s, t in ((1.0, 0.0), (0.0, 1.0))]
-    frames = np.stack([a @ how.matrix.T for a in (centre, *along)], axis=1)
+    matrix = how.turned(p.shape[1])
+    frames = np.stack([a @ matrix.T for a in (centre, *along)], axis=1)
     sign = 1.0 if np.linalg.det(how.matrix) > 0.0 else -1.0
     omega = texel_solid_angles(n)
     return overlap.resample(_check.frozen(p), rule, frames, omega, sign, low, high)
@@ -249,7 +281,9 @@ def cube_to_latlong(
     down = max(2, math.ceil(4 * cube.size / n))
     wide = np.sin(0.5 * (edge[1:] + edge[:-1])) * (4.0 * cube.size / n)
     across = np.maximum(2, np.ceil(wide)).astype(np.int64)
-    out = np.empty((n, 2 * n, 3), dtype=np.float32)
-    top, bottom, across, matrix = map(_check.frozen, (y[:-1], y[1:], across, how.matrix))
+    columns = 2 * n - how.seam
+    out = np.empty((n, columns, 3), dtype=np.float32)
+    turned = how.turned(columns)
+    top, bottom, across, matrix = map(_check.frozen, (y[:-1], y[1:], across, turned))
     _sample_cube(cube.padded, top, bottom, across, down, matrix, out)
-    return out
+    return np.concatenate([out, out[:, :1]], axis=1) if how.seam else out

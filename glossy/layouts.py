@@ -10,6 +10,8 @@ crosses the images are placed so that they continue each other::
                                      -Z  (turned by 180 degrees)
 
 These images show the cube from outside: seen from its centre with +y up, -x is to the right of +z.
+In ``openexr-cube``, a vertical strip of OpenEXR files whose attribute envmap is cube, each shows it
+from inside: mirrored, the side faces left to right, +Y and -Y top to bottom.
 """
 
 import os
@@ -31,6 +33,7 @@ ASPECTS = {
     "cross-vertical": (3, 4),
     "strip-horizontal": (6, 1),
     "strip-vertical": (1, 6),
+    "openexr-cube": (1, 6),
 }
 LAYOUTS = (*ASPECTS, "faces")
 
@@ -40,6 +43,14 @@ _CELLS = {
     "cross-vertical": ((1, 2), (1, 0), (0, 1), (2, 1), (1, 1), (3, 1)),
     "strip-horizontal": tuple((0, i) for i in range(6)),
     "strip-vertical": tuple((i, 0) for i in range(6)),
+    "openexr-cube": tuple((i, 0) for i in range(6)),
+}
+
+# steps along rows and columns of the faces that are not the OpenGL tables' as they lie there
+_ACROSS, _DOWN = (1, -1), (-1, 1)
+_TURNED: dict[str, dict[int, tuple[int, int]]] = {
+    "cross-vertical": {5: (-1, -1)},
+    "openexr-cube": {0: _ACROSS, 1: _ACROSS, 2: _DOWN, 3: _DOWN, 4: _ACROSS, 5: _ACROSS},
 }
 
 # spellings of each face at the end of a file's stem
@@ -92,8 +103,8 @@ def cut_faces(pixels: Float32Array, layout: str) -> Float32Array:
     """Faces (6, N, N, C) out of a cross or strip (H, W, C)."""
     n = pixels.shape[1] // ASPECTS[layout][0]
     faces = [pixels[r * n : (r + 1) * n, c * n : (c + 1) * n] for r, c in _CELLS[layout]]
-    if layout == "cross-vertical":
-        faces[5] = faces[5][::-1, ::-1]
+    for i, (down, across) in _TURNED.get(layout, {}).items():
+        faces[i] = faces[i][::down, ::across]
     return np.ascontiguousarray(np.stack(faces))
 
 
@@ -104,8 +115,8 @@ def place_faces(faces: Float32Array, layout: str) -> Float32Array:
     wide, high = ASPECTS[layout]
     out = np.zeros((high * n, wide * n, faces.shape[3]), dtype=faces.dtype)
     for i, (r, c) in enumerate(_CELLS[layout]):
-        turned = layout == "cross-vertical" and i == 5
-        out[r * n : (r + 1) * n, c * n : (c + 1) * n] = faces[i, ::-1, ::-1] if turned else faces[i]
+        down, across = _TURNED.get(layout, {}).get(i, (1, 1))
+        out[r * n : (r + 1) * n, c * n : (c + 1) * n] = faces[i, ::down, ::across]
     return out
 
 
