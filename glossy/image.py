@@ -104,10 +104,12 @@ class Image:
     metadata: Mapping[str, Any]
 
     def rgb(self) -> Float32Array:
-        """Pixels (H, W, 3): channels R, G, B, or Y three times; else a ``ValueError``."""
+        """Pixels (H, W, 3): channels R, G, B, or a lone Y three times; else a ``ValueError``."""
         names = colour_channels(self.channels)
         if names is None:
-            raise ValueError(f"image: has no R, G, B and no Y, only {', '.join(self.channels)}")
+            raise ValueError(
+                f"image: has no R, G, B and no Y alone, only {', '.join(self.channels)}"
+            )
         picked = self.pixels[..., [self.channels.index(n) for n in names]]
         return np.ascontiguousarray(np.broadcast_to(picked, (*picked.shape[:2], 3)))
 

@@ -120,6 +120,25 @@ def test_grey_images_are_broadcast_and_others_have_no_rgb(tmp_path: pathlib.Path
         depth.rgb()
 
 
+@pytest.mark.parametrize(
+    ("names", "picture"),
+    [
+        ("RGB", "RGB"),
+        ("ABGRXYZ", "RGB"),
+        ("Y", "Y"),
+        ("YA", "Y"),
+        ("XYZ", None),
+        ("UVY", None),
+        (("Y", "RY", "BY"), None),
+        ("YZ", None),
+        ("RG", None),
+        ((), None),
+    ],
+)
+def test_which_channels_are_the_picture(names: Any, picture: str | None) -> None:
+    assert image.colour_channels(names) == (None if picture is None else tuple(picture))
+
+
 @pytest.mark.parametrize("half", [False, True])
 def test_written_exr_reads_back(tmp_path: pathlib.Path, half: bool) -> None:
     path = tmp_path / "a.exr"
@@ -328,6 +347,30 @@ def test_floating_point_tiff_is_linear(tmp_path: pathlib.Path) -> None:
     assert out.write_image(RGB)
     out.close()
     np.testing.assert_array_equal(image.read_image(path).rgb(), RGB)
+
+
+@pytest.mark.parametrize("shape", [(1, 9), (7, 9), (40, 3)])
+@pytest.mark.parametrize("tile", [0, 16])
+def test_tiff_of_64_bits_is_read_or_refused(
+    tmp_path: pathlib.Path, shape: tuple[int, int], tile: int
+) -> None:
+    """Of one row, and of tiles, the library returns what was in the memory before."""
+    height, width = shape
+    pixels = np.random.default_rng(1).random((height, width, 3))
+    spec = OpenImageIO.ImageSpec(width, height, 3, "double")
+    spec.tile_width = spec.tile_height = tile
+    out = OpenImageIO.ImageOutput.create("tiff")
+    assert out is not None
+    path = str(tmp_path / "a.tif")
+    assert out.open(path, spec)
+    assert out.write_image(pixels)
+    out.close()
+    if tile or height == 1:
+        with pytest.raises(ValueError, match=r"a\.tif: 64-bit samples in tiles or of one row"):
+            image.read_image(path)
+        return
+    planes = image.read_planes(path).planes
+    np.testing.assert_array_equal(np.stack(list(planes.values()), axis=-1), pixels)
 
 
 @pytest.mark.parametrize("bits", [8, 16])

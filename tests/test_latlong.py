@@ -27,6 +27,7 @@ Formula = Callable[[Float64Array, Float64Array, Float64Array], tuple[Float64Arra
 FORMULAS: dict[str, Formula] = {
     "glossy": lambda x, y, z: (np.arctan2(x, -z) / (2 * PI), np.arccos(y) / PI),
     "mitsuba": lambda x, y, z: (np.arctan2(x, -z) / (2 * PI), np.arccos(y) / PI),
+    "openexr": lambda x, y, z: (0.5 - np.arctan2(x, z) / (2 * PI), 0.5 - np.arcsin(y) / PI),
     "godot": lambda x, y, z: (np.arctan2(x, -z) / (2 * PI), np.arccos(y) / PI),
     "three": lambda x, y, z: (np.arctan2(z, x) / (2 * PI) + 0.5, 0.5 - np.arcsin(y) / PI),
     "blender": lambda x, y, z: (
@@ -41,6 +42,7 @@ FORMULAS: dict[str, Formula] = {
 COLUMNS = {
     "glossy": {"+x": 0.25, "+z": 0.5, "-x": 0.75, "-z": 0.0},
     "mitsuba": {"+x": 0.25, "+z": 0.5, "-x": 0.75, "-z": 0.0},
+    "openexr": {"+x": 0.25, "+z": 0.5, "-x": 0.75, "-z": 0.0},
     "godot": {"+x": 0.25, "+z": 0.5, "-x": 0.75, "-z": 0.0},
     "three": {"-z": 0.25, "+x": 0.5, "+z": 0.75, "-x": 0.0},
     "blender": {"-z": 0.25, "+x": 0.5, "+z": 0.75, "-x": 0.0},
@@ -59,7 +61,7 @@ def evaluate(pixels: Float32Array, d: Float64Array, name: str, rule: str) -> Flo
     if rule == "texels":
         i = np.minimum((theta / PI * height).astype(int), height - 1)
         return np.asarray(pixels[i, np.floor(column).astype(int) % width].reshape(d.shape), float)
-    column = column - 0.5
+    column = u * (width - 1) if name == "openexr" else column - 0.5
     left = np.floor(column).astype(int)
     a = (column - left)[:, None]
     if rule == "poles":  # rows 0 and H-1 on the poles, linear in theta
@@ -73,6 +75,8 @@ def evaluate(pixels: Float32Array, d: Float64Array, name: str, rule: str) -> Flo
         b = ((node[i] - y) / (node[i] - node[i + 1]))[:, None]
     p = pixels.astype(np.float64)
     lo, hi = left % width, (left + 1) % width
+    if name == "openexr":  # the first column again, as the last
+        lo, hi = left % (width - 1), left % (width - 1) + 1
     top = p[i, lo] * (1 - a) + p[i, hi] * a
     low = p[i + 1, lo] * (1 - a) + p[i + 1, hi] * a
     return np.asarray((top * (1 - b) + low * b).reshape(d.shape))
@@ -110,9 +114,10 @@ def test_texel_directions_invert_the_tools_formula(name: str) -> None:
     d = latlong.latlong_directions(height, name)
     u, v = FORMULAS[name](d[..., 0], np.clip(d[..., 1], -1.0, 1.0), d[..., 2])
     i, j = np.mgrid[:height, : 2 * height]
-    row = i / (height - 1) if name == "mitsuba" else (i + 0.5) / height
+    row = i / (height - 1) if name in ("mitsuba", "openexr") else (i + 0.5) / height
     np.testing.assert_allclose(v, row, atol=1e-7)  # asin near the poles
-    apart = (u - (j + 0.5) / (2 * height) + 0.5) % 1.0 - 0.5
+    column = j / (2 * height - 1) if name == "openexr" else (j + 0.5) / (2 * height)
+    apart = (u - column + 0.5) % 1.0 - 0.5
     assert np.abs(apart[(v > 1e-6) & (v < 1 - 1e-6)]).max() < tolerances.ROUNDOFF
 
 
@@ -166,12 +171,16 @@ def test_godot_and_blender_are_where_their_formulas_coincide() -> None:
         ("three", 6, 5, "centres", 32, tolerances.SUPERSAMPLED_LINEAR),
         ("mitsuba", 7, 8, "poles", 32, tolerances.SUPERSAMPLED_LINEAR),
         ("mitsuba", 16, 3, "poles", 32, tolerances.SUPERSAMPLED_LINEAR),
+        ("openexr", 7, 8, "poles", 32, tolerances.SUPERSAMPLED_LINEAR),
+        ("openexr", 16, 3, "poles", 32, tolerances.SUPERSAMPLED_LINEAR),
     ],
 )
 def test_conversion_equals_a_supersampled_twin(
     name: str, height: int, size: int, rule: str, k: int, bound: float
 ) -> None:
     pixels = noise(height)
+    if name == "openexr":  # its first and last column are one meridian
+        pixels[:, -1] = pixels[:, 0]
     assert (
         np.abs(latlong_to_cube(pixels, size, name) - twin(pixels, size, name, rule, k)).max()
         < bound
@@ -183,7 +192,7 @@ def test_conversion_equals_a_supersampled_twin(
     st.floats(0, 1, exclude_max=True),
     st.floats(0, 1, exclude_max=True),
     st.sampled_from([1, 2, 3, 4, 7, 16, 33]),
-    st.sampled_from(["glossy", "three", "unity", "mitsuba", "tilted"]),
+    st.sampled_from(["glossy", "three", "unity", "mitsuba", "openexr", "tilted"]),
 )
 def test_each_source_texel_keeps_its_power(
     height: int, row: float, column: float, size: int, name: str
@@ -211,7 +220,7 @@ def test_the_rows_at_the_poles(row: int) -> None:
         np.testing.assert_allclose(after, expected, rtol=tolerances.CONVERTED_POWER)
 
 
-@pytest.mark.parametrize("name", ["glossy", "mitsuba"])
+@pytest.mark.parametrize("name", ["glossy", "mitsuba", "openexr"])
 @pytest.mark.parametrize("size", [1, 5, 8, 64])
 def test_white_stays_white_beside_a_sun(name: str, size: int) -> None:
     pixels = np.ones((16, 32, 3), dtype=np.float32)
@@ -233,6 +242,15 @@ def test_power_of_a_rows_solid_angle() -> None:
             inside = theta < PI / 8
             weight = (1 - theta[inside] / (PI / 8)) * np.sin(theta[inside])
             assert omega[0] == pytest.approx(weight.sum() * PI / 200_000 * 2 * PI / 18, rel=1e-8)
+
+
+def test_two_columns_that_are_one_meridian_count_half_each() -> None:
+    omega = latlong.latlong_solid_angles(9, "openexr")
+    assert omega.sum() * 17 == pytest.approx(4 * PI, rel=tolerances.ROUNDOFF)
+    for column, share in ((0, 0.5), (17, 0.5), (8, 1.0)):
+        pixels = np.zeros((9, 18, 3), dtype=np.float32)
+        pixels[4, column] = 1.0
+        assert latlong_power(pixels, "openexr")[0] == pytest.approx(share * omega[4], rel=1e-12)
 
 
 def test_turning_the_picture_turns_the_cube() -> None:

@@ -14,7 +14,7 @@ from glossy.cubemap import CubeMap, texel_directions, texel_solid_angles
 
 Float32Array = npt.NDArray[np.float32]
 
-SINGLE_PICTURES = ("cross-horizontal", "cross-vertical", "strip-horizontal", "strip-vertical")
+SINGLE_PICTURES = tuple(layouts.ASPECTS)[1:]
 
 
 def numbered(n: int = 2) -> Float32Array:
@@ -50,6 +50,31 @@ def test_the_pictures_texel_by_texel() -> None:
         picture = layouts.place_faces(numbered(2), layout)
         for place, value in zip(texels, first, strict=True):
             assert picture[place][0] == value, (layout, place)
+
+
+def imf_direction(face: int, column: float, row: float, last: int) -> tuple[float, float, float]:
+    """Direction of a place in a face of OpenEXR's cube, ImfEnvmap.h, its corners at -1 and 1.
+
+    There a face has coordinates of its own along two axes of the world, and each face's drawing
+    says which pixel they are.
+    """
+    left, up = last - column, last - row
+    x, y = [(up, column), (up, left), (column, up), (column, row), (left, up), (column, up)][face]
+    a, b = 2.0 * x / last - 1.0, 2.0 * y / last - 1.0
+    return [(1, a, b), (-1, a, b), (a, 1, b), (a, -1, b), (a, b, 1), (a, b, -1)][face]
+
+
+@given(st.integers(0, 5), st.integers(1, 9), st.data())
+def test_faces_of_openexr_s_cube_look_where_its_library_says(
+    face: int, n: int, data: st.DataObject
+) -> None:
+    """One lit pixel: its texel's direction is that of the pixel's middle in the face."""
+    row, column = (data.draw(st.integers(0, n - 1)) for _ in range(2))
+    strip = np.zeros((6 * n, n, 3), dtype=np.float32)
+    strip[face * n + row, column] = 1.0
+    f, r, c = np.argwhere(layouts.cut_faces(strip, "openexr-cube")[..., 0])[0]
+    expected = imf_direction(face, column + 0.5, row + 0.5, n)
+    np.testing.assert_allclose(texel_directions(n)[f, r, c], expected, atol=tolerances.ROUNDOFF)
 
 
 @pytest.mark.parametrize("layout", ["cross-horizontal", "cross-vertical"])
