@@ -8,12 +8,22 @@ import tomllib
 from collections.abc import Callable
 from typing import Any
 
-from . import _check
+from . import _check, _memory
 
 MOST_BYTES = 1 << 30
 MOST_TABLE = 1 << 24  # a scene or a material of more is none
 
+WORD = 64  # bytes that a word of a text takes while it is read, its number included
+
 Path = str | os.PathLike[str]
+
+
+def check_words(name: str, text: bytes | str) -> None:
+    """Refuse a text whose words would take more memory than may be spent."""
+    if isinstance(text, str):  # of which any other character may be a blank
+        _memory.check(name, WORD // 2 * len(text))
+    else:
+        _memory.check(name, WORD * (1 + sum(map(text.count, (b" ", *b"\n\t\r\f\v")))))
 
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:

@@ -11,9 +11,11 @@ import numpy.typing as npt
 import pytest
 
 import glossy
+from glossy import _memory
 from glossy.frames import half_vector, spherical
+from glossy.measured import klems, solid_angle
 from glossy.measured.cornell import read_cornell_spectra, rgb_weights
-from glossy.measured.klems import read_klems_data
+from glossy.measured.klems import read_klems_data, standard_bases
 from glossy.measured.merl import SCALE, SHAPE, evaluate_merl, read_merl_data
 from glossy.measured.rgl import evaluate_rgl, read_rgl_data
 from glossy.measured.solid_angle import solid_angles
@@ -206,12 +208,66 @@ def test_cornell_text(tmp_path: pathlib.Path) -> None:
         ("1 550 0 0 0 0", "rows of 5"),
         ("2 550 540 0 0 0 0 1 1", "must rise"),
         ("1 550 60 0 30 0 1", "polar angles"),
+        ("1 550 0 0 0 0 " + "9" * 400, "number 7 of 7 is not finite"),
+        ("9" * 400 + " 550 0 0 0 0 1", "number 1 of 7 is not finite"),
     ],
 )
 def test_damaged_cornell(tmp_path: pathlib.Path, text: str, says: str) -> None:
     path = tmp_path / "bad.brdf"
     path.write_text(text)
     refuse(path, says)
+
+
+def test_cornell_counts_each_set_of_directions_once(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A query of the points is what takes the time."""
+    asked = []
+    tree = solid_angle.cKDTree
+
+    def counted(places: Any) -> Any:
+        asked.append(len(places))
+        return tree(places)
+
+    monkeypatch.setattr(solid_angle, "cKDTree", counted)
+    path = tmp_path / "grid.brdf"
+    grid = [f"{t} 0 {o} {p} .5" for t in (0.1, 0.5, 0.9) for o in (0.2, 0.7) for p in (0, 1, 4)]
+    path.write_text("1 550\n" + "\n".join(grid))
+    weight = glossy.read_measured(path).weight
+    assert weight is not None
+    assert len(asked) == 1
+    np.testing.assert_allclose(weight.reshape(3, 6).sum(axis=1), 2.0 * np.pi)
+    monkeypatch.setattr(solid_angle, "MOST_SETS", 2)
+    rows = [f"{t} 0 {t} 1 .5" for t in (0.1, 0.5, 0.9)]
+    path.write_text("1 550\n" + "\n".join(rows))
+    refuse(path, "at most 2 sets of outgoing directions, got '3 incident")
+
+
+@pytest.mark.parametrize("suffix", [".brdf", ".bsdf", ".xml", ".txt"])
+def test_readers_ask_for_memory_before_they_take_it(
+    tmp_path: pathlib.Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / f"large{suffix}"
+    {
+        ".brdf": files.write_cornell,
+        ".bsdf": files.write_rgl,
+        ".xml": files.write_klems,
+        ".txt": lambda p: p.write_text("30 0 30 180 .5\n" * 100),
+    }[suffix](path)
+    monkeypatch.setattr(_memory, "limit", lambda: 3000)
+    refuse(path, "would take .* of memory, more than the limit")
+
+
+def test_directions_that_nearly_meet_are_counted_before_they_are_listed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    theta = np.linspace(0.5, 0.5 + 9e-5, 40)
+    wi = spherical(theta, np.zeros(40))
+    table = glossy.MeasuredTable(wi, np.tile([[0.0, 0.0, 1.0]], (40, 1)), np.ones(40))
+    assert len(table.incident_directions()[0]) == 1
+    monkeypatch.setattr(_memory, "limit", lambda: 32)
+    with pytest.raises(ValueError, match="wi: would take"):
+        table.incident_directions()
 
 
 def test_real_cornell_rows(real_data: pathlib.Path) -> None:
@@ -256,6 +312,8 @@ def test_klems_patches_blocks_and_directions(tmp_path: pathlib.Path) -> None:
     [
         ("<WindowElement", "<!DOCTYPE x><WindowElement", "entities"),
         ("</WindowElement>", "", "is not XML"),
+        ("<nPhis>4", "<nPhis>" + "9" * 400, "nphis must be a number"),
+        ("0.125", "9" * 400, "not finite"),
         ("WindowElement", "Window", "is not a BSDF file"),
         ("Columns", "TensorTree4", "not a Klems matrix"),
         ("<nPhis>4", "<nPhis>4.5", "whole number"),
@@ -277,6 +335,92 @@ def test_damaged_klems(tmp_path: pathlib.Path, old: str, new: str, says: str) ->
     assert old in text
     path.write_text(text.replace(old, new, -1 if old in ("WindowElement", "Visible") else 1))
     refuse(path, says)
+
+
+def plain_klems(path: pathlib.Path, rows: str, columns: str, count: int, define: str = "") -> None:
+    """A file of one block that names bases."""
+    numbers = ",".join(str(k % 7) for k in range(count))
+    path.write_text(
+        "<WindowElement><IncidentDataStructure>Columns</IncidentDataStructure>"
+        f"{define}<WavelengthData><Wavelength>Visible</Wavelength><WavelengthDataBlock>"
+        "<WavelengthDataDirection>Reflection Front</WavelengthDataDirection>"
+        f"<ColumnAngleBasis>{columns}</ColumnAngleBasis><RowAngleBasis>{rows}</RowAngleBasis>"
+        f"<ScatteringData>{numbers}</ScatteringData></WavelengthDataBlock></WavelengthData>"
+        "</WindowElement>"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "patches", "last"),
+    [
+        ("LBNL/Klems Full", 145, 82.5),
+        ("LBNL/Klems Half", 77, 80.75),
+        ("LBNL/Klems Half", 73, 83.25),
+        ("LBNL/Klems Quarter", 41, 76.5),
+        ("klems quarter", 41, 76.5),
+    ],
+)
+def test_klems_bases_that_a_file_only_names(
+    tmp_path: pathlib.Path, name: str, patches: int, last: float
+) -> None:
+    path = tmp_path / "named.xml"
+    only_named = f"<AngleBasis><AngleBasisName>{name}</AngleBasisName></AngleBasis>"
+    for define in ("", only_named):
+        plain_klems(path, name, name, patches**2, define)
+        data = read_klems_data(path)
+        basis = data.outgoing["reflection front"]
+        assert data.blocks["reflection front"].shape == (patches, patches)
+        assert basis.projected.sum() == pytest.approx(np.pi)
+        assert basis.solid_angle.sum() == pytest.approx(2.0 * np.pi)
+        assert np.degrees(basis.theta[-1]) == pytest.approx(last)
+        np.testing.assert_array_equal(basis.low[1:] <= basis.theta[1:], True)
+        np.testing.assert_array_equal(np.diff(np.unique(basis.high)) > 0.0, True)
+    assert len(glossy.read_measured(path)) == patches**2
+
+
+def test_klems_axes_of_two_bases_and_numbers_that_fit_none(tmp_path: pathlib.Path) -> None:
+    path = tmp_path / "named.xml"
+    plain_klems(path, "LBNL/Klems Quarter", "LBNL/Klems Half", 41 * 73)
+    assert read_klems_data(path).blocks["reflection front"].shape == (41, 73)
+    plain_klems(path, "LBNL/Klems Half", "LBNL/Klems Half", 75**2)
+    refuse(path, "5625 numbers, not 77 x 77 or 73 x 73")
+    plain_klems(path, "LBNL/Klems Third", "LBNL/Klems Half", 9)
+    refuse(path, "no angle basis 'LBNL/Klems Third'")
+    plain_klems(path, "LBNL/Klems Quarter", "LBNL/Klems Quarter", 25, files.BASIS.replace(
+        "five", "LBNL/Klems Quarter"))  # fmt: skip  # the file's own definition counts
+    assert read_klems_data(path).blocks["reflection front"].shape == (5, 5)
+
+
+def test_the_defined_basis_of_a_real_file_is_the_standard_one(real_data: pathlib.Path) -> None:
+    data = read_klems_data(real_data / "brdf" / "lbnl_mecho_6216_klems_aniso.xml")
+    (own,), theirs = standard_bases("LBNL/Klems Full"), data.incident["transmission front"]
+    for name in ("theta", "phi", "low", "high", "count"):
+        np.testing.assert_array_equal(getattr(own, name), getattr(theirs, name))
+
+
+def test_klems_elements_within_each_other_take_linear_work(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "deep.xml"
+    path.write_text("<WindowElement>" + "<AngleBasis>" * 50_000)
+    refuse(path, "more than 16 deep")
+    seen, tag = 0, klems._tag
+
+    def counted(element: Any) -> str:
+        nonlocal seen
+        seen += 1
+        return tag(element)
+
+    monkeypatch.setattr(klems, "_tag", counted)
+    work = []
+    for n in (200, 400):
+        inner = "<AngleBasis><AngleBasisBlock>" * 6 + "<x/>" * n
+        inner += "</AngleBasisBlock></AngleBasis>" * 6
+        plain_klems(path, "LBNL/Klems Quarter", "LBNL/Klems Quarter", 4, inner)
+        seen = 0
+        refuse(path, "theta must be a number")
+        work.append(seen)
+    assert work[1] < 2.5 * work[0]
 
 
 def test_real_klems_transmits_straight_through(real_data: pathlib.Path) -> None:

@@ -18,8 +18,8 @@ import pathlib
 import numpy as np
 import numpy.typing as npt
 
+from .._files import check_words, read_text
 from ..frames import spherical
-from .._files import read_text
 from .solid_angle import solid_angles
 from .table import HORIZON, MeasuredTable
 
@@ -94,6 +94,7 @@ def read_cornell_spectra(path: str | pathlib.Path) -> Spectra:
     text = read_text(path)
     if len(text) > MOST_CHARACTERS:
         raise ValueError(f"{path}: has more than {MOST_CHARACTERS} characters")
+    check_words(str(path), text)
     words = " ".join(line.split("#")[0] for line in text.splitlines()).split()
     try:
         numbers = np.array(words, dtype=np.float64)
@@ -145,6 +146,5 @@ def read_cornell(path: str | pathlib.Path) -> MeasuredTable:
         source=str(path),
         isotropic=True,
     )
-    return MeasuredTable(
-        table.wi, table.wo, table.f, solid_angles(table), table.name, table.source, True
-    )
+    weight = solid_angles(table)
+    return MeasuredTable(table.wi, table.wo, table.f, weight, table.name, table.source, True)

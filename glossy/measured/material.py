@@ -21,7 +21,7 @@ from .._arguments import checked
 from .importance import Function, ImportanceTable, half_vector_cells
 from .interpolate import TableFunction
 from .merl import evaluate_merl, merl_table, read_merl_data
-from .read import measured_format, read_measured
+from .read import measured_format, naming, read_measured
 from .rgl import evaluate_rgl, read_rgl_data, rgl_table
 from .table import MeasuredTable
 
@@ -174,10 +174,10 @@ def measured_material(
     """
     kind = measured_format(path, format)
     if kind == "rgl":
-        data = read_rgl_data(path)
-        return MeasuredMaterial(
-            rgl_table(data, path), function=lambda wi, wo: evaluate_rgl(data, wi, wo)
-        )
+        with naming(path):
+            data = read_rgl_data(path)
+            table = rgl_table(data, path)
+        return MeasuredMaterial(table, function=lambda wi, wo: evaluate_rgl(data, wi, wo))
     if kind == "merl":
         values = read_merl_data(path)
         return MeasuredMaterial(

@@ -17,14 +17,14 @@ the normal. Source: Matusik et al. 2003, "A data-driven reflectance model"; Rusi
 import pathlib
 import struct
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, parallel_kernel
-from ..frames import reflect, spherical
 from .._files import read_bytes
+from .._jit import Scalar, row_kernel
+from .._threads import in_rows
+from ..frames import reflect, spherical
 from .table import MeasuredTable
 
 Float64Array = npt.NDArray[np.float64]
@@ -62,11 +62,18 @@ def read_merl_data(path: str | pathlib.Path) -> Float64Array:
     return np.asarray(values * SCALE[:, None, None, None])
 
 
-@parallel_kernel
-def _evaluate(wi: Float64Array, wo: Float64Array, values: Float64Array, out: Float64Array) -> None:
+@row_kernel
+def _evaluate(
+    begin: int,
+    end: int,
+    wi: Float64Array,
+    wo: Float64Array,
+    values: Float64Array,
+    out: Float64Array,
+) -> None:
     # trilinear lookup for wi, wo (K, 3) into out (K, 3); phi_d wraps, the others clamp
     n_h, n_d, n_phi = values.shape[1], values.shape[2], values.shape[3]
-    for k in numba.prange(len(wi)):
+    for k in range(begin, end):
         if wi[k, 2] <= 0.0 or wo[k, 2] <= 0.0:
             continue
         hx, hy, hz = wi[k, 0] + wo[k, 0], wi[k, 1] + wo[k, 1], wi[k, 2] + wo[k, 2]
@@ -99,7 +106,15 @@ def _evaluate(wi: Float64Array, wo: Float64Array, values: Float64Array, out: Flo
 def evaluate_merl(values: Float64Array, wi: Float64Array, wo: Float64Array) -> Float64Array:
     """BRDF (K, 3) for unit directions (K, 3); zero unless both are above the surface."""
     out = np.zeros((len(wi), 3))
-    _evaluate(_check.frozen(wi), _check.frozen(wo), _check.frozen(values), out)
+    in_rows(
+        _evaluate,
+        len(wi),
+        _check.frozen(wi),
+        _check.frozen(wo),
+        _check.frozen(values),
+        out,
+        grain=256,
+    )
     return out
 
 

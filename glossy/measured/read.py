@@ -1,6 +1,8 @@
 """Measured materials from files, whatever their kind."""
 
+import contextlib
 import pathlib
+from collections.abc import Iterator
 
 from .. import _check
 from .._arguments import checked
@@ -51,7 +53,19 @@ def read_measured(path: str | pathlib.Path, format: str | None = None) -> Measur
     ValueError
         For an unknown format, or a file that is damaged; one line that names the file.
     """
-    return READERS[measured_format(path, format)](path)
+    reader = READERS[measured_format(path, format)]
+    with naming(path):
+        return reader(path)
+
+
+@contextlib.contextmanager
+def naming(path: str | pathlib.Path) -> Iterator[None]:
+    """What is wrong with the file's values, by the file's name; the readers name it themselves."""
+    try:
+        yield
+    except (ValueError, OverflowError) as error:
+        text = _check.shortened(str(error))
+        raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
 
 
 def measured_format(path: str | pathlib.Path, format: str | None = None) -> str:

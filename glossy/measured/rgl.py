@@ -24,12 +24,12 @@ import math
 import pathlib
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
-from .. import _check
-from .._jit import Scalar, kernel, parallel_kernel
+from .. import _check, _memory
+from .._jit import Scalar, kernel, row_kernel
+from .._threads import in_rows
 from .table import MeasuredTable
 from .tensor import read_tensors
 from .warp import ALONE, FIRST, Slices, Warp, Weights, k_bilinear, k_invert, k_sample
@@ -37,6 +37,7 @@ from .warp import ALONE, FIRST, Slices, Warp, Weights, k_bilinear, k_invert, k_s
 Float64Array = npt.NDArray[np.float64]
 
 NEEDED = ("phi_i", "theta_i", "ndf", "sigma", "vndf", "rgb", "jacobian")
+VALUE_BYTES = 100  # that a value of the file takes while the table is made
 HALF_PI = 0.5 * math.pi
 TWO_PI = 2.0 * math.pi
 
@@ -73,6 +74,8 @@ class RglData:
 def read_rgl_data(path: str | pathlib.Path) -> RglData:
     """Read an RGL file; see `read_rgl`."""
     fields = read_tensors(path)
+    sizes = [fields[name].size for name in NEEDED if name in fields]
+    _memory.check(str(path), VALUE_BYTES * sum(sizes))
     if "rgb" not in fields and "spectra" in fields:
         raise ValueError(f"{path}: holds spectra; the RGB variant of the file is what is read")
     missing = [name for name in NEEDED if name not in fields]
@@ -164,8 +167,10 @@ def k_elevation(x: float, y: float, z: float) -> Scalar:
     return 2.0 * np.arcsin(min(0.5 * np.sqrt(x * x + y * y + (z - 1.0) * (z - 1.0)), 1.0))
 
 
-@parallel_kernel
+@row_kernel
 def _evaluate(
+    begin: int,
+    end: int,
     wi: Float64Array,
     wo: Float64Array,
     out: Float64Array,
@@ -182,7 +187,7 @@ def _evaluate(
     isotropic: bool,
 ) -> None:
     # eq. (2) for wi, wo (K, 3) into out (K, 3)
-    for k in numba.prange(len(wi)):
+    for k in range(begin, end):
         ix, iy, iz = wi[k, 0], wi[k, 1], wi[k, 2]
         ox, oy, oz = wo[k, 0], wo[k, 1], wo[k, 2]
         if iz <= 0.0 or oz <= 0.0:
@@ -262,7 +267,9 @@ def _nodes(
 def evaluate_rgl(data: RglData, wi: Float64Array, wo: Float64Array) -> Float64Array:
     """BRDF (K, 3) for unit directions (K, 3), eq. (2); zero unless both are above the surface."""
     out = np.zeros((len(wi), 3))
-    _evaluate(_check.frozen(wi), _check.frozen(wo), out, *data.arguments())
+    in_rows(
+        _evaluate, len(wi), _check.frozen(wi), _check.frozen(wo), out, *data.arguments(), grain=256
+    )
     return out
 
 

@@ -10,11 +10,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from .. import _check
 from .table import MeasuredTable
 
 Float64Array = npt.NDArray[np.float64]
 
 POINTS = 40_000  # of a hemisphere; each counts 1.6e-4 sr
+MOST_SETS = 4096  # of places that are counted, some 9 ms each
 ONE_SIDE = 1e-4  # distance from the plane of incidence that is none
 GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 
@@ -31,9 +33,15 @@ def solid_angles(table: MeasuredTable) -> Float64Array:
     """Weights (K,) [sr]; those of one incident direction and one side of the surface sum to 2 pi.
 
     Directions that were measured twice share. Exact to about the square root of 1.6e-4 sr a row.
+
+    Raises
+    ------
+    ValueError
+        If the incident directions have more than ``MOST_SETS`` different sets of outgoing ones.
     """
     weight = np.zeros(len(table))
     even = even_hemisphere(POINTS)
+    counted: dict[bytes, Float64Array] = {}
     lights, members = table.incident_directions()
     for light, rows in zip(lights, members, strict=True):
         for side in (1.0, -1.0):
@@ -42,27 +50,28 @@ def solid_angles(table: MeasuredTable) -> Float64Array:
                 continue
             places, label = np.unique(np.round(table.wo[own], 6), axis=0, return_inverse=True)
             label = label.reshape(-1)
-            points = even * np.array([1.0, 1.0, side])
-            if table.isotropic:
-                points = _folded(points, places, light)
-            nearest = cKDTree(places).query(points)[1]
-            area = np.bincount(nearest, minlength=len(places)) * (2.0 * np.pi / POINTS)
-            weight[own] = (area / np.bincount(label))[label]
+            wall = _wall(places, light) if table.isotropic else np.zeros(3)
+            key = places.tobytes() + wall.tobytes()
+            if key not in counted:
+                if len(counted) >= MOST_SETS:
+                    rule = f"must have at most {MOST_SETS} sets of outgoing directions"
+                    raise _check.fail("table", rule, f"{len(lights)} incident directions")
+                points = even * np.array([1.0, 1.0, side])
+                points -= 2.0 * np.minimum(points @ wall, 0.0)[:, None] * wall
+                nearest = cKDTree(places).query(points)[1]
+                share = np.bincount(nearest, minlength=len(places)) * (2.0 * np.pi / POINTS)
+                counted[key] = np.asarray(share, dtype=np.float64)
+            weight[own] = (counted[key] / np.bincount(label))[label]
     return weight
 
 
-def _folded(points: Float64Array, places: Float64Array, light: Float64Array) -> Float64Array:
-    """The points mirrored to the side of the plane of incidence that has all the places, if any."""
+def _wall(places: Float64Array, light: Float64Array) -> Float64Array:
+    """Unit normal of the plane of incidence on the side that has all the places, else zero."""
     length = np.hypot(light[0], light[1])
     if length < ONE_SIDE:
-        return points
-    across = np.array([-light[1], light[0], 0.0]) / length
+        return np.zeros(3)
+    across: Float64Array = np.array([-light[1], light[0], 0.0]) / length
     sides = places @ across
     if sides.min() > -ONE_SIDE:
-        turn = 1.0
-    elif sides.max() < ONE_SIDE:
-        turn = -1.0
-    else:
-        return points
-    below = np.minimum(turn * (points @ across), 0.0)
-    return np.asarray(points - 2.0 * below[:, None] * (turn * across))
+        return across
+    return -across if sides.max() < ONE_SIDE else np.zeros(3)

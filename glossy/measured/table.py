@@ -21,13 +21,14 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from .. import _check
+from .. import _check, _memory
 from .._arguments import checked
 
 Float64Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 
 SAME_DIRECTION = 1e-4  # chord [rad] below which two incident directions are one
+PAIR_BYTES = 32  # that two directions that count as one take, each way
 HORIZON = 1e-6  # |cos theta_o| below which p does not tell f
 
 
@@ -153,7 +154,9 @@ class MeasuredTable:
             return np.empty((0, 3)), []
         grid = np.round(self.wi / (0.1 * tolerance)).astype(np.int64)
         _, first, group = np.unique(grid, axis=0, return_index=True, return_inverse=True)
-        pairs = cKDTree(self.wi[first]).query_pairs(tolerance, output_type="ndarray")
+        tree = cKDTree(self.wi[first])
+        _memory.check("wi", PAIR_BYTES * int(tree.count_neighbors(tree, tolerance)))
+        pairs = tree.query_pairs(tolerance, output_type="ndarray")
         links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(first), len(first)))
         label = connected_components(links, directed=False)[1][group.reshape(-1)]
         _, first, label = np.unique(label, return_index=True, return_inverse=True)

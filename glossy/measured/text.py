@@ -17,8 +17,8 @@ import pathlib
 
 import numpy as np
 
+from .._files import check_words, read_text
 from ..frames import spherical
-from .._files import read_text
 from .table import HORIZON, MeasuredTable
 
 ANGLES = ("theta_i", "phi_i", "theta_o", "phi_o")
@@ -43,6 +43,7 @@ def read_text_table(path: str | pathlib.Path) -> MeasuredTable:
         For a line that is not numbers, a wrong number of columns, angles or values out of range.
     """
     text = read_text(path)
+    check_words(str(path), text)
     options = _options(path, text)
     lines = [line.split("#")[0].replace(",", " ").replace(";", " ") for line in text.splitlines()]
     lines = [line for line in lines if line.strip()]

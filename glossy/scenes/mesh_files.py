@@ -16,15 +16,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .. import _check, _memory
-from .._files import read_bytes
+from .. import _check
+from .._files import check_words, read_bytes
 from .gltf import read_gltf
 from .soup import Soup, fan
 
 Float64Array = npt.NDArray[np.float64]
 Int64Array = npt.NDArray[np.int64]
 
-WORD = 64  # bytes that a word of a text takes while it is read, its number included
 STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
@@ -51,12 +50,6 @@ def read_mesh(file: str) -> Soup:
         raise ValueError(f"file: {file!r} is no mesh: {_check.shortened(reason, 200)}") from None
 
 
-def _check_words(data: bytes) -> None:
-    """Refuse a text whose words would take more memory than may be spent."""
-    ends = sum(map(data.count, (b" ", b"\n", b"\t", b"\r", b"\f", b"\v")))
-    _memory.check("reading it", WORD * (ends + 1))
-
-
 # PLY --------------------------------------------------------------------------------------------
 
 TYPES = {
@@ -77,30 +70,33 @@ def _ply(data: bytes, _folder: str) -> Soup:
     order, elements = _ply_header(head)
     body = body[2:] if body.startswith(b"\r\n") else body.lstrip(b" ")[1:]
     if not order:  # text is read as if it were a body of doubles
-        _check_words(body)
+        check_words("reading it", body)
         body, order = np.array(body.split(), dtype="<f8").tobytes(), "<"
-    found: dict[str, Any] = {}
+    table: npt.NDArray[Any] | None = None
+    triangles = np.empty((0, 3), dtype=np.int64)
     at = 0
     for name, rows, properties in elements:
         if any(count for *_, count in properties):
             at, lengths, corners = _ply_lists(body, at, rows, properties, order)
-            found[name] = fan(lengths, corners)
+            triangles = fan(lengths, corners) if name == "face" else triangles
         else:
             record = np.dtype([(key, order + kind) for key, kind, _ in properties])
             if at + rows * record.itemsize > len(body):
                 raise ValueError(f"is cut short: it has no {rows} rows of {name!r}")
-            found[name] = np.frombuffer(body, record, rows if record.itemsize else 0, at)
+            if name == "vertex":
+                table = np.frombuffer(body, record, rows if record.itemsize else 0, at)
             at += rows * record.itemsize
-        if "vertex" in found and "face" in found:
+        if table is not None and len(triangles):
             break
-    table = found["vertex"]
-    points, normals = (
-        np.stack([table[k].astype(np.float64) for k in keys], axis=1)
-        if set(keys) <= set(table.dtype.names)
-        else np.full((len(table), 3), np.nan)
-        for keys in (("x", "y", "z"), ("nx", "ny", "nz"))
-    )
-    return Soup(points, found.get("face", np.empty((0, 3), dtype=np.int64)), normals)
+    if table is None or not {*"xyz"} <= {*(table.dtype.names or ())}:
+        raise ValueError("has no vertices with x, y and z")
+    points = _columns(table, ["x", "y", "z"])
+    directed = {"nx", "ny", "nz"} <= {*(table.dtype.names or ())}
+    return Soup(points, triangles, _columns(table, ["nx", "ny", "nz"]) if directed else None)
+
+
+def _columns(table: npt.NDArray[Any], names: list[str]) -> Float64Array:
+    return np.stack([table[name].astype(np.float64) for name in names], axis=1)
 
 
 def _ply_header(head: bytes) -> tuple[str, list[tuple[str, int, list[Property]]]]:
@@ -172,7 +168,7 @@ def _stl(data: bytes, _folder: str) -> Soup:
     if len(data) == 84 + claimed * STL_RECORD.itemsize and claimed:
         corners = np.frombuffer(data, STL_RECORD, offset=84)["corners"].astype(np.float64)
     else:
-        _check_words(data)
+        check_words("reading it", data)
         found = re.findall(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", data, re.IGNORECASE)
         if not found or len(found) % 3:
             raise ValueError("is neither a text of triangles nor of the length that it claims")
@@ -182,7 +178,7 @@ def _stl(data: bytes, _folder: str) -> Soup:
 
 
 def _off(data: bytes, _folder: str) -> Soup:
-    _check_words(data)
+    check_words("reading it", data)
     rows = [words for line in data.splitlines() if (words := line.partition(b"#")[0].split())]
     kind = re.fullmatch(rb"(ST)?(C)?(N)?OFF", rows[0].pop(0))
     if kind is None:
@@ -207,7 +203,7 @@ def _off(data: bytes, _folder: str) -> Soup:
 
 def _obj(data: bytes, _folder: str) -> Soup:
     """Vertices, normals and faces; a negative index counts back from what stands before it."""
-    _check_words(data)
+    check_words("reading it", data)
     places, directions = array("d"), array("d")
     lengths, corners, turned = array("q"), array("q"), array("q")
     joined = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
