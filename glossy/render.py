@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check
+from ._arguments import checked
 from .scene import Scene
 
 if TYPE_CHECKING:
@@ -29,7 +30,8 @@ class Rendering:
     """A picture and how it was made.
 
     ``image`` (H, W, 3); ``seen`` (H, W): pixels that see the surface, ``covered`` their number;
-    ``samples``: taps of each lobe; ``seconds``: what each stage took, compilation included.
+    ``samples``: taps of each lobe; ``seconds``: what each stage took, compilation included;
+    ``cube``: the environment as it was read.
     """
 
     image: FloatArray
@@ -41,12 +43,13 @@ class Rendering:
     samples: list[int]
     options: dict[str, Any]
     seconds: dict[str, float]
+    cube: "CubeMap"
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the pixels, fit for JSON."""
         height, width = self.image.shape[:2]
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        del fields["image"], fields["seen"]
+        del fields["image"], fields["seen"], fields["cube"]
         return {"width": width, "height": height, **fields}
 
 
@@ -65,6 +68,7 @@ class TruthRendering:
     options: dict[str, Any]
     seconds: dict[str, float]
     radiance_rms: float
+    cube: "CubeMap"
 
     @property
     def rms_error(self) -> float:
@@ -75,7 +79,7 @@ class TruthRendering:
         """Everything but the pixels, fit for JSON."""
         height, width = self.image.shape[:2]
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        del fields["image"], fields["error"], fields["seen"]
+        del fields["image"], fields["error"], fields["seen"], fields["cube"]
         relative = self.rms_error / self.radiance_rms if self.radiance_rms > 0.0 else 0.0
         errors = {
             "rms_error": self.rms_error,
@@ -141,16 +145,21 @@ def diffuse_irradiance(
 
 def auto_exposure(image: FloatArray, seen: Any) -> float:
     """Stops that bring the brightest hundredth of the surface's pixels to white, in halves."""
-    shown = image[seen] if np.any(seen) else image.reshape(-1, 3)
-    bright = float(np.percentile(np.max(shown, axis=-1), 99.0))
-    return float(np.round(-2.0 * np.log2(bright)) / 2.0) if bright > 0.0 else 0.0
+    from .exposure import stops_to_white
+
+    return stops_to_white(image[seen] if np.any(seen) else image.reshape(-1, 3))
 
 
 def write_picture(
-    path: str, image: FloatArray, seen: Any, exposure: float | None = None
+    path: str,
+    image: FloatArray,
+    seen: Any,
+    exposure: float | None = None,
+    metadata: Mapping[str, str] | None = None,
 ) -> float | None:
     """Write an image; a PNG is exposed by ``exposure`` stops, or ``auto_exposure`` if None.
 
+    Its header says so (``exposure.KEY``). ``metadata``: attributes of an EXR's header.
     Returns the stops used, None for the linear formats, which are never exposed.
 
     Raises
@@ -158,15 +167,16 @@ def write_picture(
     ValueError
         For an exposure given to a linear format.
     """
+    from .exposure import KEY
     from .image_write import write_image
 
     if not path.lower().endswith(".png"):
         if exposure is not None:
             raise _check.fail("exposure", "is for PNG; EXR and HDR hold linear radiance", exposure)
-        write_image(path, image)
+        write_image(path, image, metadata=metadata if path.lower().endswith(".exr") else None)
         return None
     stops = auto_exposure(image, seen) if exposure is None else exposure
-    write_image(path, image, exposure=stops)
+    write_image(path, image, exposure=stops, metadata={KEY: repr(stops)})
     return stops
 
 
@@ -179,8 +189,44 @@ def with_background(scene: Scene, cube: "CubeMap", image: FloatArray, seen: Any)
     return image
 
 
-def render_scene(scene: Scene) -> Rendering:
-    """Render a scene with its real-time method.
+def finer(scene: Scene, supersampling: int) -> Scene:
+    """The scene with a camera of ``supersampling`` times the pixels along each axis.
+
+    Raises
+    ------
+    ValueError
+        For a count that is not from 1 to 16, or above 1 with a G-buffer.
+    """
+    k = _check.count("supersampling", supersampling, high=16)
+    camera = scene.view()
+    if k == 1:
+        return scene
+    if camera is None:
+        raise _check.fail("supersampling", "must be 1 with a G-buffer, which has its points", k)
+    large = dataclasses.replace(camera, width=k * camera.width, height=k * camera.height)
+    return dataclasses.replace(scene, camera=large)
+
+
+def averaged(rays: npt.NDArray[Any], k: int) -> npt.NDArray[Any]:
+    """Mean over the k x k rays of a pixel: (k H, k W, ...) -> (H, W, ...); as it is for k = 1."""
+    if k == 1:
+        return rays
+    height, width = rays.shape[0] // k, rays.shape[1] // k
+    blocks = rays.reshape(height, k, width, k, *rays.shape[2:])
+    kind = rays.dtype if rays.dtype.kind == "f" else np.float64
+    return np.asarray(blocks.mean(axis=(1, 3), dtype=np.float64), dtype=kind)
+
+
+def averaged_error(rays: npt.NDArray[Any], k: int, kind: str) -> npt.NDArray[Any]:
+    """Error of ``averaged``: standard errors of rays are independent, other errors add up."""
+    if kind == "standard" and k > 1:
+        return np.asarray(np.sqrt(averaged(np.square(rays), k)) / k)
+    return averaged(rays, k)
+
+
+@checked
+def render_scene(scene: Scene, supersampling: int = 1) -> Rendering:
+    """Render a scene with its real-time method, ``supersampling`` rays along a pixel's axes.
 
     Raises
     ------
@@ -195,6 +241,7 @@ def render_scene(scene: Scene) -> Rendering:
     clock = Clock()
     preparation, options = split_options(scene.method, scene.options)
     methods.check_options(scene.method, {k: v for k, v in options.items() if k != "precision"})
+    scene = finer(scene, supersampling)
     material, points = scene.load_material(), scene.points()
     known = methods.options(scene.method)
     clock.lap("scene")
@@ -214,24 +261,30 @@ def render_scene(scene: Scene) -> Rendering:
     )
     clock.lap("shade")
     if scene.method in methods.PLANNED:
-        taps = methods.planned_counts(scene.method, material, prepared, options)
+        shaded = {**options, "points": points}
+        taps = methods.planned_counts(scene.method, material, prepared, shaded)
     else:
         threshold = options.get("threshold", known.get("threshold", 0.1))
         taps = actual_samples(material, scene.method, scene.samples, threshold)
+    seen = averaged(points.coverage, supersampling) >= 0.5
     return Rendering(
-        image=with_background(scene, cube, image, points.coverage),
-        seen=points.coverage,
-        covered=int(points.coverage.sum()),
+        image=averaged(with_background(scene, cube, image, points.coverage), supersampling),
+        seen=seen,
+        covered=int(seen.sum()),
         environment=scene.environment.source,
         size=cube.size,
         method=scene.method,
         samples=taps,
         options={**preparation, **options},
         seconds=clock.seconds,
+        cube=cube,
     )
 
 
-def render_reference(scene: Scene, estimator: str | None = None, **options: Any) -> TruthRendering:
+@checked
+def render_reference(
+    scene: Scene, estimator: str | None = None, supersampling: int = 1, **options: Any
+) -> TruthRendering:
     """The ground truth of a scene; ``options`` are those of ``reference``.
 
     ``estimator`` is ``texels`` by default, and ``qmc`` for a file of measurements, for which
@@ -245,6 +298,7 @@ def render_reference(scene: Scene, estimator: str | None = None, **options: Any)
     from .reference import reference
 
     clock = Clock()
+    scene = finer(scene, supersampling)
     material, points = scene.load_bsdf(), scene.points()
     estimator = estimator or ("qmc" if scene.is_measured else "texels")
     clock.lap("scene")
@@ -253,12 +307,15 @@ def render_reference(scene: Scene, estimator: str | None = None, **options: Any)
     given = {k: v for k, v in options.items() if v is not None}
     truth = reference(points, material, cube, estimator=estimator, **given)
     clock.lap("integrate")
-    seen = points.coverage
+    hit = points.coverage
+    seen = averaged(hit, supersampling) >= 0.5
     radiance = np.array(truth.radiance)
-    level = float(np.sqrt(np.mean(np.square(radiance[seen])))) if seen.any() else 0.0
+    surface = averaged(np.where(hit[..., None], radiance, 0.0), supersampling)[seen]
+    level = float(np.sqrt(np.mean(np.square(surface)))) if seen.any() else 0.0
+    error = np.where(hit[..., None], truth.error, 0.0)
     return TruthRendering(
-        image=with_background(scene, cube, radiance, seen),
-        error=np.where(seen[..., None], truth.error, 0.0),
+        image=averaged(with_background(scene, cube, radiance, hit), supersampling),
+        error=averaged_error(error, supersampling, truth.error_kind),
         error_kind=truth.error_kind,
         seen=seen,
         covered=int(seen.sum()),
@@ -268,6 +325,7 @@ def render_reference(scene: Scene, estimator: str | None = None, **options: Any)
         options=given,
         seconds=clock.seconds,
         radiance_rms=level,
+        cube=cube,
     )
 
 
@@ -298,6 +356,7 @@ class PixelTrace:
         return "\n".join(rows)
 
 
+@checked
 def trace_pixel(scene: Scene, x: int, y: int) -> PixelTrace:
     """Every tap of the pixel in column ``x`` and row ``y``.
 
@@ -322,5 +381,10 @@ def trace_pixel(scene: Scene, x: int, y: int) -> PixelTrace:
     pyramid = build_pyramid(scene.environment.load(), **preparation)
     if "samples" in methods.options(scene.method):
         options = {"samples": scene.samples, **options}
+    if scene.method in methods.PLANNED:  # by the plan of the whole picture
+        from .planning.auto import planned
+
+        own = {k: v for k, v in options.items() if k != "precision"}
+        options = {**options, "plan": planned(material, pyramid, points=points, **own)}
     traced = trace(points[y, x], material, pyramid, method=scene.method, **options)
     return PixelTrace((x, y), traced)

@@ -5,6 +5,10 @@ import json
 import pathlib
 from typing import TYPE_CHECKING, Any
 
+from . import options
+from .inputs import protect
+from .provenance import attributes, provenance
+
 if TYPE_CHECKING:
     from ..cubemap import CubeMap
 
@@ -16,6 +20,10 @@ examples:
   glossy environment faces/ -o back.hdr --layout latlong
   glossy environment spots -o spots.png --size 1024 --exposure -1
 """
+
+FILE_OPTIONS = (
+    "input_layout", "orientation", "negative", "nonfinite", "encoding", "crop", "max_pixels",
+)  # fmt: skip
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -33,20 +41,24 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         metavar="IN",
         help="a file, a folder of six faces, or a built-in name (./sky is a file)",
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="OUT",
-        required=True,
-        help=".exr, .hdr or .png; with --layout faces also a folder (then px.exr ... in it)",
+    options.add_output_argument(
+        parser,
+        "OUT",
+        ".exr, .hdr or .png; with --layout faces also a folder (then px.exr ... in it)",
     )
     parser.add_argument("--size", type=int, metavar="N", help="texels along a face's edge (256)")
     parser.add_argument(
         "--layout", choices=("faces", "cross", "latlong"), default="cross", help="default cross"
     )
-    parser.add_argument("--input-layout", metavar="L", help="recognised from the aspect ratio")
     parser.add_argument(
-        "--orientation", metavar="O", help="convention of a lat-long input (glossy)"
+        "--input-layout",
+        metavar="L",
+        help="by an EXR's attribute envmap, else recognised from the aspect ratio",
+    )
+    parser.add_argument(
+        "--orientation",
+        metavar="O",
+        help="convention of a lat-long input (by its attribute envmap, else glossy)",
     )
     parser.add_argument(
         "--output-orientation", metavar="O", help="convention of a lat-long output (glossy)"
@@ -55,9 +67,17 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument("--negative", choices=policies, help="negative radiance (clamp)")
     parser.add_argument("--nonfinite", choices=policies, help="NaN and infinity (error)")
     parser.add_argument("--encoding", choices=("linear", "srgb"), help="of 8 and 16-bit input")
+    parser.add_argument(
+        "--crop",
+        choices=("error", "black"),
+        help="an EXR that stores part of its display window: refused (error), or the rest is black",
+    )
+    parser.add_argument(
+        "--max-pixels", type=int, metavar="N", help="refuse larger files (default 2^28 pixels)"
+    )
     parser.add_argument("--seed", type=int, metavar="S", help="arrangement of spots (0)")
     parser.add_argument("--exposure", type=float, default=0.0, metavar="E", help=".png: stops (0)")
-    parser.add_argument("--json", action="store_true", help="print what was done as JSON")
+    options.add_json_argument(parser)
     parser.set_defaults(run=run)
 
 
@@ -70,6 +90,7 @@ def run(args: argparse.Namespace) -> int:
         if args.layout != "latlong":
             raise ValueError("--output-orientation: needs --layout latlong")
         orientation_of(args.output_orientation)
+    protect(args, {str(path): path for path in _places(args)})
     if args.input in BUILTIN:
         cube, report = _make(args)
     else:
@@ -84,7 +105,9 @@ def run(args: argparse.Namespace) -> int:
         "power": after,
     }
     report["output_layout"] = args.layout
-    report["files"] = _write(cube, args)
+    origin = provenance(args, environment=(args.input, cube))
+    report["files"] = _write(cube, args, attributes(origin))
+    report["provenance"] = origin
     if args.json:
         print(json.dumps(report, allow_nan=False))
     else:
@@ -95,7 +118,7 @@ def run(args: argparse.Namespace) -> int:
 def _make(args: argparse.Namespace) -> tuple["CubeMap", dict[str, Any]]:
     from .. import builtin
 
-    for name in ("input_layout", "orientation", "negative", "nonfinite", "encoding"):
+    for name in FILE_OPTIONS:
         if getattr(args, name) is not None:
             option = "--" + name.replace("_", "-")
             raise ValueError(f"{option}: has no meaning for the built-in {args.input}")
@@ -113,11 +136,13 @@ def _read(args: argparse.Namespace) -> tuple["CubeMap", dict[str, Any]]:
 
     if args.seed is not None:
         raise ValueError("--seed: has no meaning for a file")
-    orientation = args.orientation or "glossy"
-    orientation_of(orientation)
+    if args.orientation is not None:
+        orientation_of(args.orientation)
     policies = args.negative or "clamp", args.nonfinite or "error"
-    source = read_source(args.input, args.input_layout, *policies, args.encoding)
-    cube = source.to_cube(256 if args.size is None else args.size, orientation)
+    more = {n: getattr(args, n) for n in ("crop", "max_pixels") if getattr(args, n) is not None}
+    source = read_source(args.input, args.input_layout, *policies, args.encoding, **more)
+    orientation = args.orientation or source.orientation
+    cube = source.to_cube(256 if args.size is None else args.size, args.orientation)
     before = source.power(orientation)
     report: dict[str, Any] = {"layout": source.layout, "source_size": source.size}
     if source.layout == "latlong":
@@ -128,24 +153,33 @@ def _read(args: argparse.Namespace) -> tuple["CubeMap", dict[str, Any]]:
     return cube, report
 
 
-def _write(cube: "CubeMap", args: argparse.Namespace) -> list[str]:
+def _places(args: argparse.Namespace) -> list[pathlib.Path]:
+    """The files that are written."""
+    from ..layouts import face_paths
+
+    return face_paths(args.output) if args.layout == "faces" else [pathlib.Path(args.output)]
+
+
+def _write(cube: "CubeMap", args: argparse.Namespace, header: dict[str, str]) -> list[str]:
     from ..image import write_image
     from ..latlong import cube_to_latlong
-    from ..layouts import face_paths, place_faces
+    from ..layouts import place_faces
 
-    png = {"exposure": args.exposure} if args.exposure else {}
+    files = _places(args)
+    more: dict[str, Any] = {"exposure": args.exposure} if args.exposure else {}
+    if files[0].suffix.lower() == ".exr":
+        more["metadata"] = header
     if args.layout == "faces":
-        files = face_paths(args.output)
         if not pathlib.Path(args.output).suffix:
             pathlib.Path(args.output).mkdir(exist_ok=True)
         for file, face in zip(files, cube.faces, strict=True):
-            write_image(file, face, **png)
+            write_image(file, face, **more)
         return [str(f) for f in files]
     if args.layout == "cross":
         pixels = place_faces(cube.faces, "cross-horizontal")
     else:
         pixels = cube_to_latlong(cube, 2 * cube.size, args.output_orientation or "glossy")
-    write_image(args.output, pixels, **png)
+    write_image(args.output, pixels, **more)
     return [args.output]
 
 

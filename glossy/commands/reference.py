@@ -1,12 +1,16 @@
 """``glossy reference``: the ground truth of a scene, with its error."""
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from . import options
+from .provenance import attributes
 
 if TYPE_CHECKING:
+    from ..cubemap import CubeMap
     from ..render import TruthRendering
+    from ..scene import Scene
+    from ..scenes.model import ObjectScene
     from ..scenes.render import ObjectTruth
 
 EXAMPLE = """\
@@ -54,7 +58,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         action="store_true",
         help="objects of a scene that are not convex shadow themselves, by rays",
     )
-    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=".exr, .hdr or .png")
+    options.add_output_argument(parser, "OUT", ".exr, .hdr or .png")
     options.add_json_argument(parser)
     parser.set_defaults(run=run)
 
@@ -64,12 +68,15 @@ def run(args: argparse.Namespace) -> int:
     from ..image import write_exr
     from ..render import render_reference, write_picture
 
-    options.check_output(args.output, (".exr", ".hdr", ".png"))
+    options.check_output(args, args.output, (".exr", ".hdr", ".png"))
     wanted = {"samples": args.samples, "tolerance": args.tolerance, "seed": args.seed}
     args.samples = None  # of the estimator here, not of a method
     estimator, args.estimator = args.estimator, None  # of the truth, not of a method
     objects = options.object_scene_from(args)
     rendering: TruthRendering | ObjectTruth
+    scene: Scene | ObjectScene
+    cube: CubeMap | None
+    given: dict[str, Any]
     if objects is not None:
         from ..scenes.render import reference_objects
 
@@ -77,18 +84,26 @@ def run(args: argparse.Namespace) -> int:
         rendering = reference_objects(
             objects, estimator or "texels", progress, update, bool(args.occlusion), **wanted
         )
+        scene, cube, given = objects, None, {"objects": rendering.objects}
+        stops = options.exposure_of(args, rendering.exposure)
     else:
         if args.occlusion:
             raise ValueError("--occlusion: has a meaning for a scene of objects only")
         scene = options.scene_from(args)
-        rendering = render_reference(scene, estimator=estimator, **wanted)
+        rendering = render_reference(scene, estimator, options.rays_of(args), **wanted)
+        cube, given = rendering.cube, rendering.options
+        stops = options.exposure_of_shape(args, scene, cube)
+    used = {"method": rendering.estimator, "options": given}
+    origin = options.scene_origin(args, scene, cube, **used)
+    header = {"errorKind": rendering.error_kind, **attributes(origin)}
     exposed = {}
     if str(args.output).lower().endswith(".exr") and args.exposure is None:
         channels = {name: rendering.image[..., k] for k, name in enumerate("RGB")}
         channels |= {f"error.{name}": rendering.error[..., k] for k, name in enumerate("RGB")}
-        write_exr(args.output, channels, metadata={"errorKind": rendering.error_kind})
+        write_exr(args.output, channels, metadata=header)
     else:
-        stops = write_picture(args.output, rendering.image, rendering.seen, args.exposure)
+        stops = write_picture(args.output, rendering.image, rendering.seen, stops)
         exposed = {} if stops is None else {"exposure": stops}
-    options.report(args, "reference", {"output": args.output, **rendering.to_dict(), **exposed})
+    result = {"output": args.output, **rendering.to_dict(), **exposed}
+    options.report(args, "reference", result, origin)
     return 0

@@ -1,9 +1,10 @@
 """``glossy render``: one picture with a real-time method."""
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from . import options
+from .provenance import attributes
 
 if TYPE_CHECKING:
     from ..render import Rendering
@@ -55,7 +56,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     group.add_argument("--time", type=float, metavar="S", help="seconds not to exceed")
     group.add_argument("--passes", type=int, metavar="N", help="passes; each doubles the samples")
     group.add_argument("--seed", type=int, metavar="K", help="of the estimate (default 0)")
-    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=".exr, .hdr or .png")
+    options.add_output_argument(parser, "OUT", ".exr, .hdr or .png")
     options.add_json_argument(parser)
     parser.set_defaults(run=run)
 
@@ -64,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     """Render and write the picture."""
     from ..render import render_scene, write_picture
 
-    options.check_output(args.output, (".exr", ".hdr", ".png"))
+    options.check_output(args, args.output, (".exr", ".hdr", ".png"))
     if args.converge:
         from .converging import run_converging
 
@@ -74,13 +75,23 @@ def run(args: argparse.Namespace) -> int:
             raise ValueError(f"--{name.replace('_', '-')}: has a meaning with --converge only")
     objects = options.object_scene_from(args)
     rendering: Rendering | ObjectRendering
+    used: dict[str, Any]
     if objects is not None:
         from ..scenes.render import render_objects
 
         rendering = render_objects(objects, options.bar(), bool(args.update))
+        used = {"method": objects.method, "options": {"objects": rendering.objects}}
+        origin = options.scene_origin(args, objects, None, **used)
+        stops = options.exposure_of(args, rendering.exposure)
     else:
-        rendering = render_scene(options.scene_from(args))
-    stops = write_picture(args.output, rendering.image, rendering.seen, args.exposure)
+        scene = options.scene_from(args)
+        rendering = render_scene(scene, options.rays_of(args))
+        used = {"method": rendering.method}
+        used["options"] = {**rendering.options, "samples": rendering.samples}
+        origin = options.scene_origin(args, scene, rendering.cube, **used)
+        stops = options.exposure_of_shape(args, scene, rendering.cube)
+    stops = write_picture(args.output, rendering.image, rendering.seen, stops, attributes(origin))
     exposed = {} if stops is None else {"exposure": stops}
-    options.report(args, "render", {"output": args.output, **rendering.to_dict(), **exposed})
+    result = {"output": args.output, **rendering.to_dict(), **exposed}
+    options.report(args, "render", result, origin)
     return 0

@@ -25,6 +25,8 @@ from tqdm import tqdm
 from .. import _check
 from .._arguments import checked
 from ..brdf import Lobe, Material
+from ..energy import energy
+from .fit_energy import bounded
 from .fit_kernels import LOBE
 from .fit_metrics import METRICS, errors, finish, metric_code, model_values, transform
 from .fit_polish import Clock
@@ -52,7 +54,10 @@ class Fit:
     ``parameters``: side -> kd (transmission: diffuse_transmission) of every channel, then mx, my,
     alpha, r0 and ks of every channel for each lobe. ``error`` is over all rows, ``errors`` by side,
     ``stages`` in order. ``at_bounds`` names the parameters that ended on a bound. ``stopped``: the
-    time limit was reached.
+    time limit was reached. ``energy``, of a material: the ``largest`` share of the light that is
+    sent out (reflected and transmitted), where (``worst``, theta and phi in degrees), the angle
+    from which it is more than 1 (``exceeds_from``, or None), and the angle that it was held below
+    1 to (``limit``, or None).
     """
 
     model: str
@@ -69,6 +74,7 @@ class Fit:
     evaluations: int
     seconds: float
     stopped: bool
+    energy: Mapping[str, Any] | None
 
     def eval(self, wi: npt.ArrayLike, wo: npt.ArrayLike) -> Float64Array:
         """BSDF [1/sr] (..., C) of the fitted model for unit directions (..., 3), either side."""
@@ -99,6 +105,7 @@ class Fit:
         values["errors"] = dict(self.errors)
         values["stages"] = [dataclasses.asdict(s) for s in self.stages]
         values["at_bounds"] = list(self.at_bounds)
+        values["energy"] = None if self.energy is None else dict(self.energy)
         values["material"] = None if self.material is None else dataclasses.asdict(self.material)
         return values
 
@@ -124,6 +131,7 @@ def fit_table(
     polish: str = "local",
     seed: int = 0,
     time_limit: float | None = None,
+    energy_limit: float | None = None,
     progress: bool = False,
 ) -> Fit:
     """Fit a material to a table of measurements.
@@ -162,6 +170,9 @@ def fit_table(
         Of the differential evolution.
     time_limit : float, optional
         Seconds after which the best so far is returned; compilation counts.
+    energy_limit : float, optional [degrees]
+        Hold the directional albedo at or below 1 to this angle from the normal (``fit_energy``).
+        Without it the fit may send out more than it receives; ``Fit.energy`` says how much.
     progress : bool
         A bar on stderr, if that is a terminal.
 
@@ -223,7 +234,11 @@ def fit_table(
         leave=False,
     ) as bar:
         found = [search.run(r, space, modes, bar.update) for r, space, modes in jobs]
-    return _result(jobs, found, search, model, metric, weights)
+    if energy_limit is not None:
+        if model != "kurt":
+            raise _check.fail("energy_limit", "is for model 'kurt'", energy_limit)
+        found = bounded(jobs, found, search, energy_limit, _material)
+    return _result(jobs, found, search, model, metric, weights, energy_limit)
 
 
 def _lobes(space: Space, parameters: Float64Array) -> list[Lobe]:
@@ -235,6 +250,18 @@ def _lobes(space: Space, parameters: Float64Array) -> list[Lobe]:
     return out
 
 
+def _material(
+    jobs: Sequence[tuple[Rows, Space, Float64Array]], found: Sequence[Float64Array]
+) -> Material:
+    """The material of parameters of every side."""
+    parts: dict[str, Any] = {"kd": 0.0, "reflection": [], "transmission": []}
+    for (_, space, _), p in zip(jobs, found, strict=True):
+        parts[space.side] = _lobes(space, p)
+        diffuse = p[: space.channels].tolist()
+        parts[DIFFUSE[space.side]] = diffuse[0] if space.channels == 1 else diffuse
+    return Material(**parts)
+
+
 def _result(
     jobs: Sequence[tuple[Rows, Space, Float64Array]],
     found: Sequence[Float64Array],
@@ -242,25 +269,23 @@ def _result(
     model: str,
     metric: str,
     weights: str,
+    energy_limit: float | None,
 ) -> Fit:
     code = METRICS.index(metric)
     sums, totals, by_side, on = [], [], {}, []
-    parts: dict[str, Any] = {"kd": 0.0, "reflection": [], "transmission": []}
     for (rows, space, _), p in zip(jobs, found, strict=True):
         target = transform(rows.measured, code)
         sums.append(float(errors(rows, target, p[None], code)[0]))
         totals.append(float(rows.weight.sum()))
         by_side[space.side] = finish(sums[-1], totals[-1], code)
         on += space.at_bounds(p)
-        parts[space.side] = _lobes(space, p)
-        diffuse = p[: space.channels].tolist()
-        parts[DIFFUSE[space.side]] = diffuse[0] if space.channels == 1 else diffuse
+    material = _material(jobs, found) if model == "kurt" else None
     return Fit(
         model=model,
         metric=metric,
         weights=weights,
         channels=jobs[0][0].channels,
-        material=Material(**parts) if model == "kurt" else None,
+        material=material,
         parameters={space.side: p for (_, space, _), p in zip(jobs, found, strict=True)},
         error=finish(sum(sums), sum(totals), code),
         errors=by_side,
@@ -270,4 +295,12 @@ def _result(
         evaluations=search.evaluations,
         seconds=search.clock.seconds,
         stopped=search.stopped,
+        energy=None if material is None else _energy(material, energy_limit),
     )
+
+
+def _energy(material: Material, limit: float | None) -> dict[str, Any]:
+    """``Fit.energy``."""
+    found = energy(material).to_dict()
+    kept = {name: found[name] for name in ("largest", "worst", "exceeds_from")}
+    return {**kept, "limit": limit}
