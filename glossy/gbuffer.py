@@ -2,34 +2,34 @@
 
 ``.npz`` holds arrays ``normal``, ``view`` (H, W, 3) and optionally ``tangent`` (H, W, 3) and
 ``mask`` (H, W). ``.exr`` holds the same as channels, each vector under any of these spellings
-(upper or lower case) ::
+(upper or lower case), or under a prefix that is given ::
 
     normal    normal.X normal.Y normal.Z    N.X N.Y N.Z    Normal.R ...
     view      view.X ...                    V.X ...        wo.X ...
     tangent   tangent.X ...                 T.X ...        (optional)
     mask      mask, or mask.Y               A              (optional, seen where > 0.5)
 
-World coordinates, +y up; ``view`` leaves the surface. A pixel whose normal is zero saw nothing.
-Vectors are unit within 1e-3, half floats included, and renormalised.
+World coordinates, +y up; ``view`` leaves the surface. A pixel whose normal is zero saw nothing, and
+so did what lies outside the data window of an EXR; other pixels are not looked at where the mask
+hides them. Vectors are unit within 1e-3, half floats included, and renormalised.
 """
 
 import os
 import pathlib
-import zipfile
-import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from . import _check
 from ._arguments import checked
-from ._files import check_regular
+from ._npz import load_npz
 from ._output import write_npz
 from .frames import SurfacePoints
 from .image_write import write_exr
 
-Arrays = dict[str, npt.NDArray[np.float64]]
+Arrays = dict[str, npt.NDArray[Any]]
 
 VECTORS = {
     "normal": ("normal", "n", "normals"),
@@ -37,104 +37,136 @@ VECTORS = {
     "tangent": ("tangent", "t", "tangents"),
 }
 AXES = (("x", "y", "z"), ("r", "g", "b"))
-NPZ_FAULTS = (
-    zipfile.BadZipFile,
-    zlib.error,
-    ValueError,
-    KeyError,
-    EOFError,
-    AttributeError,
-    RuntimeError,
-    OSError,
-    MemoryError,
-)  # what NumPy and zipfile raise for damaged archives, and for sizes that only a header claims
 MASKS = ("mask", "mask.y", "mask.a", "a")
+GREY = (
+    0.01  # an encoded vector of components below this is the grey of no surface: 127 or 128 of 255
+)
 
 
-def load_npz(path: pathlib.Path, names: Iterable[str]) -> dict[str, npt.NDArray[Any]]:
-    """Those of the named arrays that an npz file has.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be opened.
-    ValueError
-        If it is no npz file, or a damaged one.
-    """
-    with path.open("rb") as stream:
-        try:
-            with np.load(stream, allow_pickle=False) as data:
-                return {name: np.asarray(data[name]) for name in names if name in data}
-        except NPZ_FAULTS:
-            raise ValueError(f"{path}: not an npz file of number arrays") from None
-
-
-def _from_npz(path: pathlib.Path) -> Arrays:
-    found = load_npz(path, (*VECTORS, "mask"))
-    try:
-        return {name: value.astype(np.float64) for name, value in found.items()}
-    except (ValueError, TypeError):
-        raise ValueError(f"{path}: not an npz file of number arrays") from None
-
-
-def pick_channels(channels: Mapping[str, npt.NDArray[np.floating]]) -> Arrays:
-    """The vectors and the mask among an image's named channels, (H, W) each."""
-    lower = {name.lower(): np.asarray(value, np.float64) for name, value in channels.items()}
-    found: Arrays = {}
-    for vector, spellings in VECTORS.items():
-        for prefix in spellings:
-            for axes in AXES:
-                names = [f"{prefix}.{axis}" for axis in axes]
-                if vector not in found and all(name in lower for name in names):
-                    found[vector] = np.stack([lower[name] for name in names], axis=-1)
-    for name in MASKS:
-        if name in lower and "mask" not in found:
-            found["mask"] = lower[name]
+def _from_npz(path: pathlib.Path, names: Mapping[str, str]) -> Arrays:
+    chosen = {name: names.get(name) or name for name in (*VECTORS, "mask")}
+    stored = load_npz(path, set(chosen.values()))
+    found = {name: stored[own] for name, own in chosen.items() if own in stored}
+    if any(value.dtype.kind not in "biuf" for value in found.values()):
+        raise ValueError(f"{path}: not an npz file of number arrays")
     return found
 
 
-def _from_exr(path: pathlib.Path) -> Arrays:
+def pick_channels(
+    channels: Mapping[str, npt.NDArray[Any]], names: Mapping[str, str] | None = None
+) -> Arrays:
+    """The vectors and the mask among an image's named channels, (H, W) each.
+
+    ``names``: prefixes of vectors, or a channel for the mask, to take instead of those above.
+    """
+    lower = {name.lower(): value for name, value in channels.items()}
+    own = {name: (given.lower(),) for name, given in (names or {}).items()}
+    found: Arrays = {}
+    for vector, spellings in VECTORS.items():
+        for prefix in own.get(vector, spellings):
+            for axes in AXES:
+                wanted = [f"{prefix}.{axis}" for axis in axes]
+                if vector not in found and all(name in lower for name in wanted):
+                    found[vector] = np.stack([lower[n] for n in wanted], axis=-1)
+    for name in own.get("mask", MASKS):
+        if name in lower and "mask" not in found:
+            found["mask"] = np.asarray(lower[name])
+    return found
+
+
+def _from_exr(path: pathlib.Path, names: Mapping[str, str]) -> Arrays:
     from .image import read_planes
 
-    return pick_channels(read_planes(path).planes)
+    return pick_channels(read_planes(path, window="black").planes, names)
 
 
 @checked
-def read_gbuffer(path: str | os.PathLike[str]) -> SurfacePoints:
+def read_gbuffer(
+    path: str | os.PathLike[str],
+    *,
+    normalise: bool = False,
+    encoded: Sequence[str] = (),
+    normal: str | None = None,
+    view: str | None = None,
+    tangent: str | None = None,
+    mask: str | None = None,
+) -> SurfacePoints:
     """Surface points (H, W) from a G-buffer file, ``.npz`` or ``.exr``.
+
+    Parameters
+    ----------
+    normalise : bool
+        Take vectors of any length but zero: those of 8 or 10 bits, or interpolated ones.
+    encoded : names of vectors
+        Which of "normal", "view", "tangent" are stored as v/2 + 1/2, in [0, 1] or, as unsigned
+        integers, up to their largest value. Pixels whose normal is then black, or grey within the
+        rounding of 8 bits, saw nothing.
+    normal, view, tangent, mask : str, optional
+        What the file calls them: the prefix of a vector's channels (``Ns`` for Ns.X, Ns.Y, Ns.Z or
+        Ns.R, Ns.G, Ns.B) and the mask's channel, or the arrays of an npz file. They must be there.
 
     Raises
     ------
     OSError
         If the file cannot be read.
     ValueError
-        One line naming the file and what is missing or wrong.
+        One line naming the file and what is missing or wrong, with the first such pixel.
     """
     file = pathlib.Path(path)
-    if not file.exists():
-        raise FileNotFoundError(f"{file}: no such file")
+    given = {"normal": normal, "view": view, "tangent": tangent, "mask": mask}
+    names = {key: _text(key, name) for key, name in given.items() if name is not None}
+    coded = (encoded,) if isinstance(encoded, str) else tuple(encoded)
+    for vector in coded:
+        _check.choice("encoded", vector, VECTORS)
     suffix = file.suffix.lower()
     if suffix not in (".npz", ".exr"):
         raise ValueError(f"{file}: a G-buffer must be .npz or .exr")
-    check_regular(file)
-    found = _from_npz(file) if suffix == ".npz" else _from_exr(file)
-    for name in ("normal", "view"):
+    found = _from_npz(file, names) if suffix == ".npz" else _from_exr(file, names)
+    for name in dict.fromkeys(("normal", "view", *names)):
         if name not in found:
-            where = "array" if suffix == ".npz" else f"channels {name}.X, {name}.Y, {name}.Z"
-            raise ValueError(f"{file}: misses {where}{' ' + name if suffix == '.npz' else ''}")
+            called = names.get(name, name)
+            several = name != "mask" and suffix == ".exr"
+            where = f"channels {called}.X, {called}.Y, {called}.Z" if several else called
+            raise ValueError(f"{file}: misses {where if suffix == '.exr' else 'array ' + called}")
+    try:
+        return _points(found, coded, normalise)
+    except ValueError as error:
+        hint = (
+            "; normalise takes any length, encoded takes v/2 + 1/2"
+            if "must be unit vectors" in str(error)
+            else ""
+        )
+        raise ValueError(f"{file}: {error}{hint}") from None
+
+
+def _text(name: str, value: object) -> str:
+    if not isinstance(value, str) or not value:
+        raise _check.fail(name, "must be what the file calls it", value)
+    return value
+
+
+def _decoded(value: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    top = np.iinfo(value.dtype).max if value.dtype.kind == "u" else 1.0
+    return value.astype(np.float64) * (2.0 / top) - 1.0
+
+
+def _points(found: Arrays, encoded: Sequence[str], normalise: bool) -> SurfacePoints:
     normal = found["normal"]
     if normal.ndim < 2 or normal.shape[-1] != 3:
-        raise ValueError(f"{file}: normal must have shape (H, W, 3), got {normal.shape}")
+        raise _check.fail("normal", "must have shape (H, W, 3)", normal.shape)
     seen = normal.any(axis=-1)
-    try:
-        if "mask" in found:
-            if found["mask"].shape != seen.shape:
-                got = found["mask"].shape
-                raise ValueError(f"mask: must have shape {seen.shape}, got {got}")
-            seen &= found["mask"] > 0.5
-        return SurfacePoints(normal, found.get("tangent"), found["view"], seen)
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}") from None
+    vectors = {
+        name: _decoded(found[name]) if name in encoded else found[name]
+        for name in VECTORS
+        if name in found
+    }
+    if "normal" in encoded:
+        seen &= ~np.all(np.abs(vectors["normal"]) <= GREY, axis=-1)
+    if "mask" in found:
+        if found["mask"].shape != seen.shape:
+            raise _check.fail("mask", f"must have shape {seen.shape}", found["mask"].shape)
+        seen &= found["mask"] > 0.5
+    return SurfacePoints(**vectors, mask=seen, normalise=normalise)
 
 
 @checked

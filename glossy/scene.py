@@ -24,6 +24,14 @@ A scene file is TOML; every key is optional, paths are relative to the file ::
     samples = 20
     threshold = 0.1                   # and any other option of the method
 
+``gbuffer = "points.exr"`` stands for shape and camera, as does a table of a file and how it is
+read (docs/gbuffer.md) ::
+
+    [gbuffer]
+    file = "points.exr"
+    normal = "Ns"
+    normalise = true
+
 A file with ``[[objects]]`` is a scene of objects instead: docs/scenes.md.
 """
 
@@ -61,6 +69,7 @@ __all__ = [
 SHAPES = ("sphere", "plane")
 MEASURED = (".bsdf", ".brdf", ".xml", ".binary", ".txt", ".dat")
 BACKGROUNDS = ("environment", "black")
+GBUFFER = ("normal", "view", "tangent", "mask", "encoded", "normalise")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,7 +120,8 @@ class EnvironmentSource:
 class Scene:
     """Everything a picture needs. ``gbuffer`` (a file), when given, stands for shape and camera.
 
-    ``options`` go to the method as they are; None of ``camera`` is ``default_camera``.
+    ``options`` go to the method as they are, ``gbuffer_options`` to ``read_gbuffer``; None of
+    ``camera`` is ``default_camera``.
     """
 
     environment: EnvironmentSource = dataclasses.field(default_factory=EnvironmentSource)
@@ -123,6 +133,7 @@ class Scene:
     method: str = "regular"
     samples: int = 20
     options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    gbuffer_options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _check.choice("background", self.background, BACKGROUNDS)
@@ -140,7 +151,7 @@ class Scene:
         if camera is None:
             from .gbuffer import read_gbuffer
 
-            return read_gbuffer(str(self.gbuffer))
+            return read_gbuffer(str(self.gbuffer), **self.gbuffer_options)
         return surface_points(camera, self.shape)
 
     def load_material(self) -> "Material":
@@ -226,10 +237,14 @@ def _parse(data: Mapping[str, Any], folder: pathlib.Path) -> Scene:
         make_material(material)
     else:
         raise ValueError(f"material: must be a text or a table, got {material!r}")
-    gbuffer = data.get("gbuffer")
+    gbuffer, reading = data.get("gbuffer"), {}
+    if isinstance(gbuffer, dict):
+        _known("gbuffer", gbuffer, ("file", *GBUFFER))
+        reading = {key: value for key, value in gbuffer.items() if key != "file"}
+        gbuffer = gbuffer.get("file", "")
     if gbuffer is not None:
-        if not isinstance(gbuffer, str):
-            raise ValueError(f"gbuffer: must be a path, got {gbuffer!r}")
+        if not isinstance(gbuffer, str) or not gbuffer:
+            raise ValueError(f"gbuffer: must be a path, or a table with a file, got {gbuffer!r}")
         if "shape" in data or "camera" in data:
             raise ValueError("gbuffer: stands for shape and camera, which cannot be given too")
         gbuffer = _beside(gbuffer, folder)
@@ -239,6 +254,7 @@ def _parse(data: Mapping[str, Any], folder: pathlib.Path) -> Scene:
         shape=shape,
         camera=camera,
         gbuffer=gbuffer,
+        gbuffer_options=reading,
         background=data.get("background", "environment" if gbuffer is None else "black"),
         method=method.pop("name", "regular"),
         samples=method.pop("samples", 20),

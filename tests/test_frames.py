@@ -141,6 +141,55 @@ def test_the_callers_arrays_stay_writeable() -> None:
     assert all(a.flags.writeable for a in (*given.values(), mask))
 
 
+def test_views_into_the_surface_are_warned_of_once_and_named() -> None:
+    """Parts of such points, and views at the horizon within the rounding of 8 bits, are not."""
+    normal, view = np.zeros((2, 3, 3)), np.zeros((2, 3, 3))
+    normal[..., 2] = view[..., 2] = 1.0
+    view[1, 0] = view[1, 2] = [0.0, 0.6, -0.8]
+    with pytest.warns(UserWarning, match=r"2 of 6 points look into the surface \(pixel 0,1\)"):
+        turned = SurfacePoints(normal, view=view)
+    assert turned[1].shape == (3,)
+    hidden = np.ones((2, 3), dtype=bool)
+    hidden[1] = False
+    SurfacePoints(normal, view=view, mask=hidden)
+    level = SurfacePoints([0, 0, 1.0], view=frames.normalise([1.0, 0.0, -0.005]))
+    assert level.local_view[2] < 0.0
+    with pytest.warns(UserWarning, match=r"1 of 1 points look into the surface and come out"):
+        SurfacePoints([0, 0, 1.0], view=[0, 0, -1.0])
+
+
+def test_vectors_of_any_length_on_request() -> None:
+    long = {"normal": [0.0, 0.0, 1e200], "view": [0.0, 3e-9, 4e-9], "tangent": [5.0, 0.0, 0.0]}
+    p = SurfacePoints(**long, normalise=True)
+    assert [v.tolist() for v in (p.normal, p.view, p.tangent)] == [
+        [0, 0, 1],
+        [0, 0.6, 0.8],
+        [1, 0, 0],
+    ]
+    with pytest.raises(ValueError, match="view: must not contain a zero vector"):
+        SurfacePoints([0, 0, 2.0], view=[0, 0, 0], normalise=True)
+
+
+def test_a_bad_vector_is_named_by_its_place() -> None:
+    many = np.zeros((4, 5, 3))
+    many[..., 2] = 1.0
+    many[3, 1] = [0.0, 0.0, 0.5]
+    with pytest.raises(ValueError, match=r"normal: .*\(pixel 1,3\), got 'length 0.5'"):
+        SurfacePoints(many, view=[0, 0, 1.0])
+    with pytest.raises(ValueError, match=r"normal: .*\(index 1\)"):
+        SurfacePoints(many[3], view=[0, 0, 1.0])
+    with pytest.raises(ValueError, match=r"tangent: must not lie along the normal \(pixel 0,0\)"):
+        SurfacePoints(many[:3], [0, 0, 1.0], [0, 0, 1.0])
+
+
+@pytest.mark.parametrize("mask", ["yes", None, object(), [math.nan, 1.0], [[True], [True, False]]])
+def test_a_mask_is_truth_values(mask: Any) -> None:
+    if mask is None:
+        mask = np.array([None, True])
+    with pytest.raises(ValueError, match="mask: must be an array of truth values"):
+        points(mask=mask)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

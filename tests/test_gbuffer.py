@@ -2,6 +2,7 @@
 
 import json
 import pathlib
+from typing import Any
 
 import numpy as np
 import pytest
@@ -125,6 +126,160 @@ def test_damaged_files_are_one_line_naming_the_file(
             refusals.append(str(error))
     assert len(refusals) >= 12
     assert all(text.startswith(str(path)) and "\n" not in text for text in refusals)
+
+
+# --- how vectors are stored, and what they are called ---------------------------------------------
+
+
+def arrays(points: SurfacePoints) -> dict[str, Any]:
+    """Normal and view, zero where nothing is seen."""
+    seen = points.coverage[..., None]
+    return {name: np.where(seen, getattr(points, name), 0.0) for name in ("normal", "view")}
+
+
+def eight_bits(vectors: np.ndarray) -> np.ndarray:
+    return np.asarray(np.round((vectors * 0.5 + 0.5) * 255.0), dtype=np.uint8)
+
+
+def test_encoded_normals_of_eight_bits(points: SurfacePoints, tmp_path: pathlib.Path) -> None:
+    """Grey, as a cleared buffer decodes, and black are no surface; lengths need normalise."""
+    stored = arrays(points)
+    file = tmp_path / "p.npz"
+    for empty in (0, 127, 128):
+        normal = np.where(points.coverage[..., None], eight_bits(stored["normal"]), empty)
+        np.savez(file, normal=normal.astype(np.uint8), view=stored["view"])
+        back = read_gbuffer(file, encoded=["normal"], normalise=True)
+        assert np.array_equal(back.coverage, points.coverage)
+        assert np.abs(back.normal - points.normal)[points.coverage].max() < 1.0 / 127.0
+    x, y = np.argwhere(points.coverage)[0][::-1]
+    with pytest.raises(ValueError, match=rf"p\.npz: normal: must be unit .*pixel {x},{y}.*length"):
+        read_gbuffer(file, encoded="normal")
+    with pytest.raises(ValueError, match="normalise takes any length"):
+        read_gbuffer(file)
+
+
+def test_ten_bit_normals_in_an_exr(
+    points: SurfacePoints, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """On the command line, under names of the file's own."""
+    stored = arrays(points)
+    coarse = np.floor((stored["normal"] * 0.5 + 0.5) * 1023.0) / 1023.0
+    coarse[~points.coverage] = 0.0
+    both = {"Ns": coarse, "cam.I": stored["view"]}
+    channels = {
+        f"{prefix}.{axis}": np.ascontiguousarray(v[..., k], np.float32)
+        for prefix, v in both.items()
+        for k, axis in enumerate("XYZ" if prefix == "Ns" else "RGB")
+    }
+    file, out = str(tmp_path / "p.exr"), str(tmp_path / "o.exr")
+    write_exr(file, channels)
+    named = ("--gbuffer", file, "--gbuffer-normal", "Ns", "--gbuffer-view", "cam.I")
+    encoded = ("--gbuffer-encoded", "normal")
+    assert main(["render", *SIZE, *named, *encoded, "-o", out]) == 2
+    assert "normalise takes any length" in capsys.readouterr().err
+    assert main(["render", *SIZE, *named, *encoded, "--normalise", "--json", "-o", out]) == 0
+    done = capsys.readouterr()
+    assert json.loads(done.out)["covered"] == int(points.coverage.sum())
+    assert done.err == ""
+    assert main(["render", *SIZE, *named[:4], "--gbuffer-view", "J", "-o", out]) == 2
+    assert "p.exr: misses channels J.X, J.Y, J.Z" in capsys.readouterr().err
+
+
+def test_a_scene_file_says_how_its_gbuffer_is_read(
+    points: SurfacePoints, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stored = arrays(points)
+    np.savez(tmp_path / "p.npz", Ns=3.0 * stored["normal"], view=stored["view"])
+    table = '[gbuffer]\nfile = "p.npz"\nnormal = "Ns"\n'
+    scene, out = tmp_path / "s.toml", str(tmp_path / "o.exr")
+    for text, code in ((table, 2), (table + "normalise = true\n", 0), (table + "size = 1\n", 2)):
+        scene.write_text(text)
+        assert main(["render", str(scene), *SIZE, "-o", out]) == code
+    assert "gbuffer.size: unknown key" in capsys.readouterr().err
+    scene.write_text(table)
+    assert main(["render", str(scene), *SIZE, "--normalise", "-o", out]) == 0
+
+
+@pytest.mark.parametrize("option", [("--normalise",), ("--gbuffer-view", "I")])
+@pytest.mark.parametrize("scene", [(), ("room",)])
+def test_options_of_a_gbuffer_need_one(
+    option: tuple[str, ...],
+    scene: tuple[str, ...],
+    tmp_path: pathlib.Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["render", *scene, *option, "-o", str(tmp_path / "o.exr")]) == 2
+    assert f"{option[0]}: has a meaning with --gbuffer only" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"encoded": ["position"]}, "encoded: must be one of normal, view, tangent"),
+        ({"encoded": 3}, "encoded: must be a sequence"),
+        ({"normalise": "yes"}, "normalise: must be True or False"),
+        ({"normal": 3}, "normal: must be what the file calls it"),
+        ({"mask": "alpha"}, "p.npz: misses array alpha"),
+    ],
+)
+def test_bad_options_are_named(
+    options: dict[str, object], message: str, points: SurfacePoints, tmp_path: pathlib.Path
+) -> None:
+    write_gbuffer(tmp_path / "p.npz", points)
+    with pytest.raises(ValueError, match=message):
+        read_gbuffer(tmp_path / "p.npz", **options)  # type: ignore[arg-type]
+
+
+# --- what is not looked at, and what is warned of ------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", ["npz", "exr"])
+def test_nothing_that_the_mask_hides_is_looked_at(
+    suffix: str, points: SurfacePoints, tmp_path: pathlib.Path
+) -> None:
+    stored = arrays(points)
+    hidden = ~points.coverage
+    stored["normal"][hidden], stored["view"][hidden] = np.nan, np.inf
+    file = tmp_path / f"p.{suffix}"
+
+    def write(mask: np.ndarray) -> None:
+        if suffix == "npz":
+            np.savez(file, mask=mask, **stored)
+        else:
+            channels = {
+                f"{name}.{axis}": v[..., k].astype(np.float32)
+                for name, v in stored.items()
+                for k, axis in enumerate("XYZ")
+            }
+            write_exr(file, {**channels, "A": mask.astype(np.float32)})
+
+    write(points.coverage)
+    assert np.array_equal(read_gbuffer(file).coverage, points.coverage)
+    mask = points.coverage.copy()
+    mask[1, 2] = True
+    write(mask)
+    with pytest.raises(ValueError, match=r"normal: must be finite \(pixel 2,1\)"):
+        read_gbuffer(file)
+
+
+@pytest.mark.filterwarnings("default:view:UserWarning")
+def test_views_into_the_surface_are_counted(
+    points: SurfacePoints, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A buffer of the opposite convention is all black; a shape seen from outside is not told."""
+    stored = arrays(points)
+    file, out = tmp_path / "p.npz", str(tmp_path / "o.exr")
+    np.savez(file, normal=stored["normal"], view=-stored["view"])
+    assert main(["render", *SIZE, "--gbuffer", str(file), "-o", out]) == 0
+    err = capsys.readouterr().err
+    count = int(points.coverage.sum())
+    x, y = np.argwhere(points.coverage)[0][::-1]
+    assert err.count("\n") == 1
+    assert f"view: {count} of {count} points look into the surface (pixel {x},{y})" in err
+    for command in ("render", "reference"):
+        write_gbuffer(file, points)
+        assert main([command, *SIZE, "--gbuffer", str(file), "-o", out]) == 0
+        assert capsys.readouterr().err == ""
 
 
 def test_points_that_are_no_picture_are_not_written(tmp_path: pathlib.Path) -> None:

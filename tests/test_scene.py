@@ -368,7 +368,7 @@ def test_bad_gbuffers_name_the_file_and_the_fault(
             read_gbuffer(tmp_path / name)
 
     refused("a.npz", "misses array view", normal=points.normal)
-    refused("b.npz", "normal must have shape", normal=np.ones(3), view=np.ones(3))
+    refused("b.npz", "normal: must have shape", normal=np.ones(3), view=np.ones(3))
     refused("c.npz", "view: must be unit", normal=points.normal, view=3 * points.view)
     refused("d.npz", "mask: must have", normal=points.normal, view=points.view, mask=[True])
     (tmp_path / "e.npz").write_text("no archive")
