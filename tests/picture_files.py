@@ -1,7 +1,7 @@
 """OpenEXR and Radiance files written byte by byte, so that a test says exactly what they hold."""
 
 import struct
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -75,7 +75,11 @@ def radiance_bytes(
     kinds = ("new", "old", "flat") if coding == "mixed" else (coding,)
     head = magic + "".join(line + end for line in lines) + end
     head += size.format(*quads.shape[:2]) + end
-    write = {"flat": np.ndarray.tobytes, "old": _old_line, "new": _new_line}
+    write: dict[str, Callable[[npt.NDArray[np.uint8]], bytes]] = {
+        "flat": lambda row: row.tobytes(),
+        "old": _old_line,
+        "new": _new_line,
+    }
     rows = (write[kinds[i % len(kinds)]](row) for i, row in enumerate(quads))
     return head.encode("latin-1") + b"".join(rows)
 
