@@ -11,8 +11,11 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from .gbuffer import add_gbuffer_arguments, gbuffer_options
+from .inputs import add_force_argument, protect
+from .provenance import provenance
 
 if TYPE_CHECKING:
+    from ..cubemap import CubeMap
     from ..scene import Scene
     from ..scenes.model import ObjectScene
 
@@ -68,10 +71,32 @@ def add_exposure_argument(parser: argparse.ArgumentParser) -> None:
     """--exposure, for commands that write PNG."""
     parser.add_argument(
         "--exposure",
-        type=float,
         metavar="S",
-        help="PNG: stops to brighten by (default: the brightest hundredth becomes white)",
+        help="PNG: stops to brighten by, or like:FILE for those of another picture (default: the "
+        "brightest hundredth becomes about white, the same for every picture of a scene)",
     )
+
+
+def exposure_of(args: argparse.Namespace, automatic: float | None) -> float | None:
+    """Stops that are asked for, or those of the scene for a PNG; None: as the picture needs."""
+    if args.exposure is not None:
+        from ..exposure import parse
+
+        return parse(args.exposure)
+    return automatic if _is_png(args) else None
+
+
+def exposure_of_shape(args: argparse.Namespace, scene: "Scene", cube: "CubeMap") -> float | None:
+    """`exposure_of` the pictures of one shape."""
+    from ..exposure import scene_exposure
+
+    wanted = args.exposure is None and _is_png(args)
+    found = scene_exposure(scene.points(), scene.load_bsdf(), cube) if wanted else None
+    return exposure_of(args, found)
+
+
+def _is_png(args: argparse.Namespace) -> bool:
+    return str(args.output).lower().endswith(".png")
 
 
 def add_method_arguments(parser: argparse.ArgumentParser) -> None:
@@ -134,7 +159,7 @@ def scene_from(args: argparse.Namespace) -> "Scene":
     """The scene file with the command line's arguments laid over it."""
     from ..scene import EnvironmentSource, Plane, Scene, Sphere, default_camera, load_scene
 
-    scene = load_scene(args.scene) if args.scene else Scene()
+    scene = load_scene(args.scene, _folder(args)) if args.scene else Scene()
     if not isinstance(scene, Scene):
         raise ValueError(f"{args.scene}: a scene of objects; this command takes one shape")
     given = {k: v for k, v in vars(args).items() if v is not None}
@@ -191,13 +216,18 @@ def scene_from(args: argparse.Namespace) -> "Scene":
     return dataclasses.replace(scene, **change)
 
 
+def _folder(args: argparse.Namespace) -> str | None:
+    """What paths in the scene file are relative to, if not to its own folder."""
+    return getattr(args, "scene_folder", None)
+
+
 def object_scene_from(args: argparse.Namespace) -> "ObjectScene | None":
     """The scene of objects that the arguments name, with them laid over it; None for one shape."""
     from ..scene import load_scene
     from ..scenes.load import overlay
     from ..scenes.model import ObjectScene
 
-    scene = load_scene(args.scene) if args.scene else None
+    scene = load_scene(args.scene, _folder(args)) if args.scene else None
     if not isinstance(scene, ObjectScene):
         return None
     given = {k: v for k, v in vars(args).items() if v is not None}
@@ -206,14 +236,24 @@ def object_scene_from(args: argparse.Namespace) -> "ObjectScene | None":
 
 
 def add_object_arguments(parser: argparse.ArgumentParser) -> None:
-    """--supersampling and --update, for scenes of objects."""
+    """--supersampling, and --update for scenes of objects."""
+    parser.add_argument(
+        "--supersampling",
+        type=int,
+        metavar="K",
+        help="K x K rays a pixel, averaged (default 1; a scene of objects: its file's, or 2)",
+    )
     group = parser.add_argument_group(
         "scene of objects (a file with [[objects]], room, showroom, hall)"
     )
-    group.add_argument("--supersampling", type=int, metavar="K", help="K x K rays a pixel")
     group.add_argument(
         "--update", action="store_true", default=None, help="bake and capture again, cached or not"
     )
+
+
+def rays_of(args: argparse.Namespace) -> int:
+    """Rays along a pixel's axes of a picture of one shape."""
+    return 1 if args.supersampling is None else int(args.supersampling)
 
 
 def bar() -> Any:
@@ -228,23 +268,69 @@ def progress(items: Any, total: int | None = None, label: str = "") -> Iterator[
     yield from tqdm(items, total=total, desc=label, disable=not sys.stderr.isatty(), leave=False)
 
 
-def check_output(path: str, suffixes: tuple[str, ...]) -> None:
-    """Refuse an unwritable output before the work is done."""
+def scene_origin(
+    args: argparse.Namespace, scene: "Scene | ObjectScene", cube: "CubeMap | None", **used: Any
+) -> dict[str, Any]:
+    """Provenance of a picture, empty if neither an EXR nor JSON is written.
+
+    ``used``: method or estimator and its options. Of a scene of objects the files tell the rest.
+    """
+    if not (args.json or str(args.output).lower().endswith(".exr")):
+        return {}
+    if cube is not None and scene.environment is not None:
+        used |= {"environment": (scene.environment.source, cube)}
+        used |= {"material": getattr(scene, "material", None)}
+    return provenance(args, **used)
+
+
+PICTURES = ("exr", "hdr", "png")
+
+
+def add_output_argument(
+    parser: argparse.ArgumentParser,
+    metavar: str,
+    text: str,
+    formats: tuple[str, ...] = PICTURES,
+    required: bool = True,
+) -> None:
+    """-o, the format of -o -, and --force."""
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar=metavar,
+        required=required,
+        help=f"{text}; - for standard output, messages then on standard error",
+    )
+    parser.add_argument("--output-format", choices=formats, help=f"of -o - (default {formats[0]})")
+    add_force_argument(parser)
+
+
+def check_output(
+    args: argparse.Namespace, path: str, suffixes: tuple[str, ...], option: str = "--output"
+) -> None:
+    """Refuse an unwritable output, or one that is an input, before the work is done."""
     import pathlib
 
     file = pathlib.Path(path)
     if file.suffix.lower() not in suffixes:
-        raise ValueError(f"--output: must end in {', '.join(suffixes)}, got {path!r}")
+        raise ValueError(f"{option}: must end in {', '.join(suffixes)}, got {path!r}")
     if not file.parent.is_dir():
-        raise FileNotFoundError(f"--output: no folder {str(file.parent)!r}")
+        raise FileNotFoundError(f"{option}: no folder {str(file.parent)!r}")
+    protect(args, {option: path})
 
 
-def report(args: argparse.Namespace, command: str, result: dict[str, Any]) -> None:
-    """Print a result: JSON with its schema, or one ``name: value`` line each."""
+def report(
+    args: argparse.Namespace,
+    command: str,
+    result: dict[str, Any],
+    origin: dict[str, Any] | None = None,
+) -> None:
+    """Print a result: JSON with its schema and provenance, or one ``name: value`` line each."""
     if args.json:
         import json
 
-        print(json.dumps({"schema": 1, "command": command, **result}, indent=2))
+        more = {} if origin is None else {"provenance": origin}
+        print(json.dumps({"schema": 1, "command": command, **result, **more}, indent=2))
         return
     for name, value in result.items():
         print(f"{name.replace('_', ' ')}: {_text(value)}")
