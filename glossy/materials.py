@@ -186,7 +186,8 @@ def _from_line(text: str) -> Material:
     for item in text.split(","):
         key, equals, value = (part.strip() for part in item.partition("="))
         if not equals:
-            raise _check.fail("material", "must be key=value,...", item)
+            rule = "must be key=value,... (on the command line in quotes if it has blanks)"
+            raise _check.fail("material", rule, item)
         if key in values:
             raise _check.fail(f"material: {key}", "must be given once", text)
         try:

@@ -301,7 +301,9 @@ def load_scene(
 
     file = builtin_scene(str(path)) or pathlib.Path(path)
     if not os.path.exists(file):
-        raise FileNotFoundError(f"{file}: no such scene file")
+        split = "=" in str(path) or str(path).startswith(",")
+        hint = ", or a material that a blank splits: put it in quotes" if split else ""
+        raise FileNotFoundError(f"{file}: no such scene file{hint}")
     data = read_toml(file)
     here = file.parent if folder is None else pathlib.Path(folder)
     try:

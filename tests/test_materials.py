@@ -1,6 +1,7 @@
 """The published materials, their albedos, and materials from files and lines."""
 
 import json
+import os
 import pathlib
 from typing import Any
 
@@ -89,6 +90,42 @@ def test_lines_that_say_nothing(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message) as error:
         parse_material(text)
     assert "\n" not in str(error.value)
+
+
+def test_a_blank_that_splits_a_line_is_what_the_message_says(
+    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A shell hands ``mx=.2, my=.075`` on as two words."""
+    end = ["--width", "2", "-o", str(tmp_path / "a.exr")]
+    for words in (["mx=.2,", "my=.075"], ["mx=.2", ",my=.075"]):
+        assert main(["render", "--material", *words, *end]) == 2
+        said = capsys.readouterr().err
+        assert "a material that a blank splits: put it in quotes" in said
+        assert said.count("\n") == 1
+    assert main(["render", "--material", "mx=.2,", *end]) == 2
+    assert "in quotes if it has blanks), got ''" in capsys.readouterr().err
+    assert main(["material", "mx=.2,", "my=.075"]) == 0
+    assert "my 0.075" in capsys.readouterr().out
+    assert parse_material("mx=.2, my=.075") == Material(0.0, [Lobe(0.2, 0.075)])
+
+
+@pytest.mark.parametrize("name", ["m.toml", "m.json"])
+def test_only_regular_files_are_opened(tmp_path: pathlib.Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(OSError, match=f"{name}: is not a regular file"):
+        parse_material(tmp_path / name)
+    (tmp_path / name).unlink()
+    (tmp_path / name).symlink_to("/dev/zero")
+    with pytest.raises(OSError, match=f"{name}: is not a regular file"):
+        parse_material(tmp_path / name)
+
+
+@pytest.mark.parametrize("text", ["mx=" + "9" * 400, "mx=.1,kd=1e999", "kd=.1/.2/" + "9" * 5000])
+def test_numbers_of_hundreds_of_digits(text: str) -> None:
+    with pytest.raises(ValueError, match=r"material: .*finite") as error:
+        parse_material(text)
+    assert "\n" not in str(error.value)
+    assert len(str(error.value)) < 300
 
 
 TOML = """

@@ -4,6 +4,7 @@ import json
 import os
 import pathlib
 import warnings
+from collections.abc import Callable
 from typing import Any
 
 import mesh_files as files
@@ -14,6 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from glossy import _memory
+from glossy.scenes.load import parse
 from glossy.scenes.mesh_files import read_mesh
 from glossy.scenes.soup import Soup, fan
 from glossy.scenes.topology import Surface, surface
@@ -421,3 +423,22 @@ def test_a_gltf_of_repeated_nodes_takes_no_more_than_the_limit(
     refuse(path, "more than 100000 parts")
     monkeypatch.setattr(_memory, "limit", lambda: 10_000_000)
     refuse(path, "would take .* of memory")
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder"])
+@pytest.mark.parametrize("where", ["mesh", "material", "light_map"])
+def test_scenes_open_regular_files_only(tmp_path: pathlib.Path, kind: str, where: str) -> None:
+    name = {"mesh": "a.ply", "material": "a.toml", "light_map": "a.exr"}[where]
+    path = tmp_path / name
+    make: dict[str, Callable[[], None]] = {
+        "pipe": lambda: os.mkfifo(path),
+        "device": lambda: path.symlink_to("/dev/zero"),
+        "folder": path.mkdir,
+    }
+    make[kind]()
+    item: dict[str, Any] = {"shape": {"kind": "sphere"}}
+    item |= {"shape": {"kind": "mesh", "file": name}} if where == "mesh" else {where: name}
+    key = "shape.file" if where == "mesh" else where
+    says = rf"objects\[0\]\.{key}: .*{name}: is (not a regular file|a directory)"
+    with pytest.raises(OSError, match=says):
+        parse({"objects": [item]}, tmp_path)

@@ -26,7 +26,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("material", nargs="?", metavar="M", help="a name, a file or parameters")
+    parser.add_argument("material", nargs="*", metavar="M", help="a name, a file or parameters")
     options.add_json_argument(parser)
     parser.set_defaults(run=run)
 
@@ -35,17 +35,18 @@ def run(args: argparse.Namespace) -> int:
     """Print one material, or the list of names."""
     from ..materials import describe, material_names, material_to_dict, parse_material
 
-    if args.material is None:
+    given = " ".join(args.material)  # blanks between parameters are allowed
+    if not given:
         rows = {name: " -- ".join(describe(name)) for name in material_names()}
         options.report(args, "material", {"materials": rows} if args.json else rows)
         return 0
     from ..energy import energy
 
-    material = parse_material(args.material)
-    named = args.material in material_names()
-    origin, source = describe(args.material) if named else ("given", "")
+    material = parse_material(given)
+    named = given in material_names()
+    origin, source = describe(given) if named else ("given", "")
     found = energy(material)
-    result: dict[str, Any] = {"name": args.material, "origin": origin}
+    result: dict[str, Any] = {"name": given, "origin": origin}
     if source:
         result["source"] = source
     if args.json:
