@@ -38,9 +38,16 @@ list starts with what could not be compared, then the largest relative RMS.
 exit code: 0 within the limits, 1 outside, 2 unusable input (of a folder: any, after all others
 were compared)
 
+PNG pictures of one scene have one exposure by default, and say which: two of unlike exposures are
+refused, one of them against radiance is warned of.
+
 examples:
-  glossy compare render.exr truth.exr --max-relative-rms 0.02 --diff difference.png
-  glossy compare render.png truth.png --encoding srgb --min-psnr 40
+  glossy render --method lattice --filter round --samples 14 -o render.exr
+  glossy reference -o truth.exr
+  glossy compare render.exr truth.exr --max-relative-rms 0.2 --diff difference.png
+  glossy render --method lattice --filter round --samples 14 -o render.png
+  glossy reference -o truth.png
+  glossy compare render.png truth.png --encoding srgb --min-psnr 25
   glossy compare a.exr b.exr --max-difference .01 --max-outliers 0.1% --warn-outliers 20px
   glossy compare a.exr b.exr --percentiles 50,95 --max-percentile 99=.02 --channels all
   glossy compare renders/ references/ --ignore "*.json" --json

@@ -5,6 +5,7 @@ import dataclasses
 import os
 from typing import TYPE_CHECKING, Any
 
+from ..exposure import recorded
 from . import compare_limits
 
 if TYPE_CHECKING:
@@ -134,7 +135,22 @@ def _unlike(a: "Planes", b: "Planes") -> tuple[str, ...]:
         ):
             texts = [" ".join(f"{x:.6g}" for x in v) for v in values]
             found.append(f"{key}, {texts[0]} and {texts[1]}")
-    return tuple(found)
+    return (*found, *_unlike_exposure(a, b))
+
+
+def _unlike_exposure(a: "Planes", b: "Planes") -> list[str]:
+    # pictures that glossy writes for display say by how many stops; radiance is at 0
+    stops = [recorded(p.metadata) for p in (a, b)]
+    if stops[0] == stops[1]:
+        return []
+    if None not in stops:
+        text = f"differ in exposure, {stops[0]:g} and {stops[1]:g} stops; write both with one"
+        raise ValueError(f"{a.name}, {b.name}: {text} --exposure")
+    said = stops[0] if stops[1] is None else stops[1]
+    other = a if stops[0] is None else b
+    if not said or other.metadata["sample_type"].startswith("uint"):
+        return []
+    return [f"exposure, {said:g} stops and radiance"]
 
 
 def _windows(planes: "Planes") -> list[list[int]]:

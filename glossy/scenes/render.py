@@ -216,7 +216,7 @@ class ObjectRendering:
 
     ``image`` (H, W, 3); ``seen`` (H, W): pixels that see an object; ``objects``: for each glossy
     one in view its name, rays, method and options; ``bake_error``: relative RMS standard error of
-    the light maps; ``seconds`` and ``cached`` by stage.
+    the light maps; ``seconds`` and ``cached`` by stage; ``exposure``: of its display picture.
     """
 
     image: FloatArray
@@ -228,12 +228,13 @@ class ObjectRendering:
     texels: int
     cached: dict[str, bool]
     seconds: dict[str, float]
+    exposure: float
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the pixels, fit for JSON."""
         height, width = self.image.shape[:2]
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        for name in ("image", "seen", "error"):
+        for name in ("image", "seen", "error", "exposure"):
             fields.pop(name, None)
         return {"width": width, "height": height, **fields}
 
@@ -269,7 +270,31 @@ def _common(
         "texels": len(prepared.maps.values),
         "cached": dict(prepared.cached),
         "seconds": seconds,
+        "exposure": view_exposure(prepared, seen),
     }
+
+
+def view_exposure(prepared: PreparedScene, seen: View) -> float:
+    """Stops for every picture of a view (``glossy.exposure``), by at most ``MOST`` of its rays.
+
+    What objects with a buffer of their own reflect is left out.
+    """
+    from ..exposure import MOST, estimate, stops_to_white
+
+    k = seen.grid
+    wide = seen.seen if seen.seen.any() else np.ones_like(seen.seen)
+    index = np.flatnonzero(wide.repeat(k, axis=0).repeat(k, axis=1))
+    index = index[:: -(-index.size // MOST)]
+    radiance = seen.base[index]
+    for part in seen.parts:
+        if prepared.scene.method_of(prepared.scene.objects[part.index])[0] in methods.VIEWED:
+            continue
+        of_index = np.minimum(np.searchsorted(part.rays, index), len(part.rays) - 1)
+        hit = part.rays[of_index] == index
+        on, cube = of_index[hit], prepared.cube_map(part.index)
+        points = part.points
+        radiance[hit] += estimate(points.normal[on], points.view[on], part.material, cube)
+    return stops_to_white(radiance)
 
 
 def _label(scene: ObjectScene, index: int) -> str:
