@@ -59,8 +59,9 @@ class Truth:
     radiance : (..., 3) float64
     error : (..., 3) float64
         On the radiance, of the kind ``error_kind``.
-    error_kind : "bound" or "standard"
-        A bound the truth lies within (``texels``), or one standard error (``mc``, ``qmc``).
+    error_kind : "bound", "estimate" or "standard"
+        A bound the truth lies within (``texels`` of a ``Material``), an estimate of one (``texels``
+        of any other material), or one standard error (``mc``, ``qmc``).
     estimator : str
     samples : (...) int64
         Evaluations of the BSDF that each point took.
@@ -95,8 +96,8 @@ def reference(
         Called as ``eval(wi, wo)``, ``sample(xi, wo)``, ``pdf(wi, wo)`` with NumPy arrays:
         directions (..., 3) in the frame (t, b, n), uniform numbers (..., 2); BSDF (...) or
         (..., 3) without the cosine, density per solid angle over the whole sphere. For such a
-        material ``texels`` is some hundred times slower than for a ``Material``, and its bound is
-        an estimate.
+        material ``texels`` is some hundred times slower than for a ``Material``, and its error an
+        estimate: a lobe that neither its samples nor a scan of the sphere meets is missed.
     cube : CubeMap
         Finite; its quadrature weights are kept with it after the first call.
     estimator : "texels", "mc" or "qmc"
@@ -249,7 +250,7 @@ def _texels(
     for k, flat in enumerate(index):
         xi = uniform(seed, np.array([flat]), 0, PROBES, 2)[0]
         value[k], error[k], used[k] = plain.point(frames[k], views[k], xi)
-    yield _truth(shape, index, (value, error, used), "bound", "texels")
+    yield _truth(shape, index, (value, error, used), "estimate", "texels")
 
 
 def shown_material(material: Any, diffuse: bool) -> Any:

@@ -199,7 +199,8 @@ def test_linear_in_radiance_and_black_from_behind() -> None:
         glossy.shade(p, material, glossy.build_pyramid(c), method="lattice") for c in (cube, twice)
     )
     np.testing.assert_array_equal(two, 2.0 * one)
-    behind = SurfacePoints(p.normal, p.tangent, -p.view)
+    with pytest.warns(UserWarning, match="look into the surface"):
+        behind = SurfacePoints(p.normal, p.tangent, -p.view)
     assert not glossy.shade(behind, material, glossy.build_pyramid(cube), method="lattice").any()
 
 

@@ -2,18 +2,24 @@
 
 The same product integration as ``texels`` over the same blocks, but with nothing known of the
 material: the polynomial's error is read from the decay of its Legendre coefficients alone, blocks
-that the horizon crosses count with their largest value, and the material's own samples tell where a
-lobe may hide between the nodes: a block is divided as long as a sample in it sees more than
-``HIDDEN`` times what its nodes see. The error is an estimate, as good as those rules.
+that the horizon crosses count with their largest value, and probes, the material's own samples and
+those of ``scan``, tell where a lobe may hide between the nodes: a block is divided as long as a
+probe in it sees more than ``HIDDEN`` times what its nodes see.
+
+The error is an estimate, as good as those rules. Where neither node nor probe meets anything
+(``NOTHING``), it is the map's largest radiance: what a surface that returns all light could send.
 """
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..cubemap import CubeMap, face_directions, locate
+from ..frames import normalise
 from .cells import GAUSS, LEGENDRE, NODES, P, RadianceTree
+from .scan import scan
 
 Float64Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -24,6 +30,32 @@ SAFETY = 4.0
 FLOOR = 1e-4
 MAX_DEPTH = 24
 PROBES = 256
+REACHED = 1e-4  # of the highest node: blocks whose neighbours are probed
+BESIDE = np.array([[-1, -1, 1, 1, -0.3, 0.3, -0.3, 0.3], [-0.3, 0.3, -0.3, 0.3, -1, -1, 1, 1]])
+NOTHING = 1e-6  # f cos times the sphere's solid angle: a lobe of this albedo, or of none
+ROUNDING = 1e-11  # of the weights and of the sums, relative
+
+
+@dataclasses.dataclass(frozen=True)
+class Probes:
+    """Directions where the lobe was tried: face (m,), piece (2, m) in t and s, the share of it that
+    is passed (2, m), and f cos without its sign (m, 3).
+    """
+
+    face: IntArray
+    piece: IntArray
+    part: Float64Array
+    value: Float64Array
+
+    def joined(self, other: "Probes") -> "Probes":
+        """These and more."""
+        return Probes(
+            np.concatenate([self.face, other.face]),
+            np.concatenate([self.piece, other.piece], axis=1),
+            np.concatenate([self.part, other.part], axis=1),
+            np.concatenate([self.value, other.value]),
+        )
+
 
 _ANALYSIS = LEGENDRE * GAUSS * (np.arange(P)[:, None] + 0.5)
 
@@ -36,6 +68,7 @@ class PlainQuadrature:
     ) -> None:
         self.material, self.cube, self.tree = material, cube, tree
         self.tolerance, self.work = tolerance, work
+        self.peak = 0.0  # the most f cos that was seen at the point
 
     def _lobe(self, local: Float64Array, wo: Float64Array) -> Float64Array:
         """F cos, (..., 3)."""
@@ -70,9 +103,8 @@ class PlainQuadrature:
         blocks: IntArray,
         frame: Float64Array,
         wo: Float64Array,
-        probes: tuple[IntArray, Float64Array, Float64Array, Float64Array],
-    ) -> tuple[Float64Array, Float64Array]:
-        """Values and errors, (n, 3) each."""
+    ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
+        """Values, errors, largest f cos at the nodes and integral of abs(L), (n, 3) each."""
         tree = self.tree
         t, s = self._bounds(blocks)
         hs, ht = 0.5 * (s[:, 1] - s[:, 0]), 0.5 * (t[:, 1] - t[:, 0])
@@ -105,20 +137,54 @@ class PlainQuadrature:
         peak = np.abs(flat).max(axis=1)
         crossing = (local[..., 2].min(axis=(1, 2)) < 0.0) & (local[..., 2].max(axis=(1, 2)) > 0.0)
         error = np.where((crossing | many)[:, None], mass * peak, error)
-        probe_face, probe_s, probe_t, probe_g = probes
-        for i in range(len(blocks)):
-            inside = (
-                (probe_face == face[i])
-                & (probe_s >= s[i, 0])
-                & (probe_s <= s[i, 1])
-                & (probe_t >= t[i, 0])
-                & (probe_t <= t[i, 1])
-            )
-            if inside.any():
-                seen = np.abs(probe_g[inside]).max(axis=0)
-                hidden = seen > HIDDEN * peak[i]
-                error[i] = np.where(hidden, np.maximum(error[i], mass[i] * seen), error[i])
-        return value, error
+        return value, error, peak, mass
+
+    def _beside(
+        self, blocks: IntArray, peak: Float64Array, frame: Float64Array, wo: Float64Array
+    ) -> Probes:
+        """Probes half a block beyond the edges of the blocks (n, 4) that the lobe has reached."""
+        reached = blocks[peak.max(axis=1) > REACHED * self.peak]
+        t, s = self._bounds(reached)
+        world = face_directions(
+            reached[:, 1, None],
+            s.mean(axis=1)[:, None] + np.diff(s) * BESIDE[0],
+            t.mean(axis=1)[:, None] + np.diff(t) * BESIDE[1],
+        ).reshape(-1, 3)
+        return self._located(world, self._lobe(normalise(world) @ frame.T, wo))
+
+    def _seen(self, blocks: IntArray, probes: Probes) -> Float64Array:
+        """The most that probes see in each of the blocks (n, 4): (n, 3)."""
+        face, piece, part, value = probes.face, probes.piece, probes.part, probes.value
+        pieces, seen = len(self.tree.texel), np.zeros((len(blocks), 3))
+        full = (pieces - 1).bit_length()
+        for level in np.unique(blocks[:, 0]):
+            coarse, over = min(int(level), full), max(int(level) - full, 0)
+            slot = (((piece + 1) << coarse) - 1) // pieces
+            place = (slot << over) + np.floor(part * (1 << over)).astype(np.int64)
+            of = np.flatnonzero(blocks[:, 0] == level)
+            # rows and columns by their rank among the blocks': whole places do not fit one key
+            key, wanted, known = face, blocks[of, 1], np.ones(len(face), dtype=bool)
+            for axis in range(2):
+                ranks = np.unique(blocks[of, 2 + axis])
+                rank = np.minimum(np.searchsorted(ranks, place[axis]), len(ranks) - 1)
+                known &= ranks[rank] == place[axis]
+                key = key * len(ranks) + rank
+                wanted = wanted * len(ranks) + np.searchsorted(ranks, blocks[of, 2 + axis])
+            order = np.argsort(wanted)
+            at = np.minimum(np.searchsorted(wanted, key, sorter=order), len(of) - 1)
+            block = of[order[at]]
+            known &= wanted[order[at]] == key
+            np.maximum.at(seen, block[known], value[known])
+        return seen
+
+    def _located(self, directions: Float64Array, values: Float64Array) -> Probes:
+        """Probes of directions (m, 3) in the world."""
+        face, s, t = locate(directions)
+        edge = self.tree.edge
+        x = np.stack([t, s])
+        piece = np.clip(np.searchsorted(edge, x, side="right") - 1, 0, len(edge) - 2)
+        part = (x - edge[piece]) / (edge[piece + 1] - edge[piece])
+        return Probes(face, piece, np.clip(part, 0.0, 1.0 - 1e-12), np.abs(values))
 
     @staticmethod
     def _error(g: Float64Array, mass: Float64Array, rough: Float64Array) -> Float64Array:
@@ -156,21 +222,35 @@ class PlainQuadrature:
         """
         views = np.broadcast_to(wo, (len(probe_xi), 3))
         local = np.asarray(self.material.sample(probe_xi, views), dtype=np.float64)
-        local = local / np.linalg.norm(local, axis=-1, keepdims=True)
-        probes = (*locate(local @ frame), self._lobe(local, wo))
+        tried, seen = scan(lambda wi: self._lobe(wi, wo), wo, normalise(local))
+        lit = seen.any(axis=-1)
+        probes = self._located(tried[lit] @ frame, seen[lit])
+        self.peak = float(np.abs(seen).max())
         grid = np.arange(1 << START_LEVEL)
         face, row, col = (
             a.reshape(-1) for a in np.meshgrid(np.arange(6), grid, grid, indexing="ij")
         )
         new = np.stack([np.full(len(face), START_LEVEL), face, row, col], axis=1)
-        blocks, value, error = new[:0], np.zeros((0, 3)), np.zeros((0, 3))
-        used = len(probe_xi)
+        blocks, value, error, peak, mass = new[:0], *(np.zeros((0, 3)) for _ in range(4))
+        used = len(tried)
         floor = FLOOR * float(self.tree.mass[:6].sum()) / (4.0 * np.pi)
         while True:
-            v, e = self._measure(new, frame, wo, probes)
+            first, measured = len(blocks), self._measure(new, frame, wo)
             used += P * P * len(new)
             blocks = np.concatenate([blocks, new])
-            value, error = np.concatenate([value, v]), np.concatenate([error, e])
+            value, error, peak, mass = (
+                np.concatenate(pair)
+                for pair in zip((value, error, peak, mass), measured, strict=True)
+            )
+            self.peak = max(self.peak, float(peak.max()))
+            beside = self._beside(new, measured[2], frame, wo)
+            used += len(beside.face)
+            for start, some in ((first, probes), (0, beside)):
+                seen = self._seen(blocks[start:], some)
+                hidden = seen > HIDDEN * peak[start:]
+                larger = np.maximum(error[start:], mass[start:] * seen)
+                error[start:] = np.where(hidden, larger, error[start:])
+            probes = probes.joined(beside)
             target = self.tolerance * max(abs(float(value.sum())), floor)
             key = error.sum(axis=1)
             order = np.argsort(key, kind="stable")
@@ -183,11 +263,17 @@ class PlainQuadrature:
             if not split.any():
                 break
             old = blocks[split]
-            blocks, value, error = blocks[~split], value[~split], error[~split]
+            blocks, value, error, peak, mass = (
+                a[~split] for a in (blocks, value, error, peak, mass)
+            )
             new = np.repeat(old, 4, axis=0)
             new[:, 0] += 1
             new[:, 2] = 2 * new[:, 2] + np.tile([0, 0, 1, 1], len(old))
             new[:, 3] = 2 * new[:, 3] + np.tile([0, 1, 0, 1], len(old))
             t, s = self._bounds(new)
             new = new[(t[:, 1] > t[:, 0]) & (s[:, 1] > s[:, 0])]
-        return value.sum(axis=0), error.sum(axis=0), used
+        total, missing = value.sum(axis=0), error.sum(axis=0)
+        missing += ROUNDING * np.abs(total)
+        if 4.0 * np.pi * self.peak < NOTHING:
+            missing = np.maximum(missing, np.abs(self.cube.faces).max(axis=(0, 1, 2)))
+        return total, missing, used
