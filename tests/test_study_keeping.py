@@ -22,6 +22,12 @@ from glossy.study import commandline, measure, plots
 from glossy.study.bench import Bench, Cell
 from glossy.study.run import Study
 
+ELSEWHERE = {
+    "command", "run", "scene", "output", "resume", "json", "workers", "scheduler", "quiet",
+    "verbose", "version", "max_memory",
+}  # fmt: skip
+"""Arguments that do not change what is measured, and SCENE, which has no name."""
+
 
 def small(folder: pathlib.Path, resume: bool = False) -> Study:
     """One case, two methods, one budget: four cells."""
@@ -212,6 +218,7 @@ def test_the_recorded_command_starts_the_same_study() -> None:
     again = build_parser().parse_args(command[1:])
     assert command[0] == "glossy"
     assert vars(again) == {**vars(args), "resume": False, "json": False}
+    assert vars(args).keys() - {*commandline.SAID} <= ELSEWHERE
 
 
 def test_the_pyramids_storage_comes_from_the_scene_file(tmp_path: pathlib.Path) -> None:

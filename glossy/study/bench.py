@@ -228,6 +228,7 @@ class Bench:
         own = self.options(case, method, budget)
         if method.name in methods.PLANNED:
             prepared = self.prepared(case, method)
+            own["points"] = self.points
             return methods.planned_counts(method.name, case.material, prepared, own)
         samples = own.get("samples", 1)
         return actual_samples(case.material, method.name, samples, threshold_for(budget))
@@ -250,8 +251,9 @@ class Bench:
         return result
 
     def preparation(self, case: Case, method: MethodSpec) -> Preparation:
-        """What a method needs before its first picture, at the smallest budget."""
-        own, pixel = self.options(case, method, min(self.plan.budgets)), self.points[:1]
+        """What a method needs before its first picture, at the baseline's budget."""
+        own = self.options(case, method, self.plan.reference[2])
+        pixel = self.points if method.name in methods.PLANNED else self.points[:1]  # planned for
         return preparation.measure(
             case.name,
             method.label,
@@ -263,8 +265,10 @@ class Bench:
         )
 
     def _baseline(self) -> FloatArray:
-        first = self.plan.cases[0], self.plan.methods[0], min(self.plan.budgets)
-        return self.image(*first, bias=0.0)
+        name, label, budget = self.plan.reference
+        case = next(c for c in self.plan.cases if c.name == name)
+        method = next(m for m in self.plan.methods if m.label == label)
+        return self.image(case, method, budget, bias=0.0)
 
     def measure(
         self,
@@ -288,11 +292,12 @@ class Bench:
             without, best = (judge.rms(self.image(case, method, budget, b)) for b in (0.0, bias))
             bias = bias if best <= without else 0.0  # the subset may mislead
         self.image(case, method, budget, bias, self.points[:1])  # compile outside the clock
+        taps = self.taps(case, method, budget)  # plans, too
         self._baseline()
         image, timing = timed(
             lambda: self.image(case, method, budget, bias), self._baseline, self.plan.repeats
         )
-        taps, pixels = self.taps(case, method, budget), len(self.points.normal)
+        pixels = len(self.points.normal)
         return Cell(
             case=case.name,
             kind=case.kind,

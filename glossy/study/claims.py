@@ -5,7 +5,8 @@ A comparison of two errors a < b is certain when it survives the truth's own err
     holds:  a + u < b - u      does not hold:  a - u >= b + u      else within uncertainty      (1)
 
 since u bounds how far the error against the truth is from the error against the exact integral. A
-claim holds when all of its comparisons do, and does not when any one fails.
+claim holds when all of its comparisons do, and does not when any one fails. One whose lobes or
+budgets were not measured is not tested, and ``numbers`` says what it needs.
 """
 
 import dataclasses
@@ -18,8 +19,22 @@ from .bench import Cell
 
 LOW = (7, 14, 20, 30)  # the paper's "low budgets"
 FIGURE_9 = (14, 30, 270)
+MANY = 270  # of Fig. 10: fewer samples say nothing about its claims
 SIMILAR = 1.5  # two errors are called similar within this factor
 HOLDS, FAILS, UNSURE, UNTESTED = "holds", "does not hold", "within uncertainty", "not tested"
+LOBES = {"iso": "an isotropic lobe", "aniso": "an anisotropic lobe"}
+NEEDS: dict[str, tuple[tuple[str, ...], Callable[[Sequence[int]], bool], str]] = {
+    "a-iso": (("iso",), lambda n: bool({*n} & {*LOW}), "a budget of 7, 14, 20 or 30"),
+    "a-aniso": (("aniso",), lambda n: bool({*n} & {*LOW}), "a budget of 7, 14, 20 or 30"),
+    "b": (("iso", "aniso"), lambda n: bool({*n} & {*LOW}), "a budget of 7, 14, 20 or 30"),
+    "c1": (("iso",), lambda n: max(n) >= MANY, f"a budget of {MANY} or more"),
+    "c2": (("aniso",), lambda n: max(n) >= MANY, f"a budget of {MANY} or more"),
+    "d": (("iso",), lambda n: {*n} >= {*FIGURE_9}, "budgets of 14, 30 and 270"),
+    "e": ((), lambda n: len(n) > 1, "two budgets"),
+    "f": ((), lambda n: 20 in n, "a budget of 20"),
+    "g": ((), lambda n: 14 in n, "a budget of 14"),
+}
+"""By the start of a claim's id: its lobes, the test of its budgets, and that test in words."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,11 +165,17 @@ def _gain(table: Table, regular: str, rival: str, bias: str) -> Claim:
     )
 
 
+def _top(table: Table) -> tuple[list[int], int]:
+    """The largest budget if it is one of many samples; and the count to speak of."""
+    top = [n for n in table.budgets[-1:] if n >= MANY]
+    return top, top[0] if top else MANY
+
+
 def _similar(table: Table, regular: str, rival: str, bias: str) -> Claim:
-    top = table.budgets[-1:]
+    top, count = _top(table)
     pairs = table.pairs(regular, rival, table.of_kind("iso"), top, bias)
     statement = (
-        f"With the largest budget ({''.join(map(str, top))}) the two methods have similar errors "
+        f"With the largest budget ({count}) the two methods have similar errors "
         f"on isotropic lobes (within a factor {SIMILAR:g}; {bias} bias)"
     )
     outcomes = []
@@ -275,7 +296,7 @@ def evaluate(
     One Claim each; a claim whose cells were not measured is "not tested".
     """
     table = Table(cells)
-    top = table.budgets[-1:] if table.budgets else []
+    top, count = _top(table)
     wide = [
         c
         for c in table.of_kind("iso")
@@ -299,13 +320,15 @@ def evaluate(
         found.append(
             _lower(
                 f"c2-{bias}",
-                f"At {top[0] if top else '-'} samples regular sampling has the lower error on "
+                f"At {count} samples regular sampling has the lower error on "
                 f"anisotropic lobes ({bias} bias)",
                 "Fig. 10",
                 table.pairs(regular, rival, table.of_kind("aniso"), top, bias),
             )
         )
     figure9 = table.pairs(regular, rival, wide, FIGURE_9, "best")
+    if len(figure9) < len(FIGURE_9) * len(wide):
+        figure9 = []
     found.append(
         _lower(
             "d1",
@@ -348,4 +371,16 @@ def evaluate(
             1.0,
         )
     )
-    return found
+    return [_explained(claim, table) for claim in found]
+
+
+def _explained(claim: Claim, table: Table) -> Claim:
+    """A claim that is not tested says what it needs."""
+    if claim.verdict != UNTESTED:
+        return claim
+    start = next(name for name in NEEDS if claim.id.startswith(name))
+    kinds, enough, words = NEEDS[start]
+    missing = [LOBES[kind] for kind in kinds if not table.of_kind(kind)]
+    if not table.budgets or not enough(table.budgets):
+        missing.append(words)
+    return dataclasses.replace(claim, numbers=f"needs {' and '.join(missing)}" if missing else "")

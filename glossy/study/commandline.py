@@ -1,6 +1,7 @@
 """``glossy study`` from its arguments to its folder."""
 
 import argparse
+import dataclasses
 import pathlib
 import shlex
 import time
@@ -11,23 +12,61 @@ from typing import Any
 from .. import _check
 from .._output import write_text
 from ..commands import options
-from . import claims, plots, report, settings, spread
+from . import claims, plots, report, settings, spread, store
 from .run import Study
 
 SIDE = 128  # pixels of the default picture: the default study takes about a minute
 DEFAULT_TOLERANCE = 1e-3
 
 
-def command_line(args: argparse.Namespace) -> str:
-    """The command that starts the same study anew."""
+SAID = (
+    "env", "size", "material", "shape", "width", "height", "input_layout", "orientation",
+    "negative", "nonfinite", "encoding", "methods", "max_error", "samples", "filter",
+    "reference_tolerance", "repeats",
+)  # fmt: skip
+"""Options that say what is measured; the others say where and how."""
+
+
+def command_line(args: argparse.Namespace, resume: bool = False) -> str:
+    """The command that starts the same study anew, or adds it to its folder."""
     words = ["glossy", "study"]
     if args.scene:
         words.append(str(args.scene))
-    skip = ("command", "run", "scene", "output", "resume", "json", "workers", "scheduler")
-    for name, value in sorted(vars(args).items()):
-        if name not in skip and value is not None:
+    for name in sorted(SAID):
+        value = getattr(args, name)
+        if value is not None:
             words += ["--" + name.replace("_", "-"), str(value)]
+    words += ["--resume"] if resume else []
     return shlex.join([*words, "-o", str(args.output)])
+
+
+def continued(
+    args: argparse.Namespace, old: dict[str, Any], sessions: Sequence[dict[str, Any]]
+) -> argparse.Namespace:
+    """The arguments of a command that resumes a study.
+
+    What they leave out is as the study was started; methods and budgets are added to its own.
+    """
+    said = vars(args)
+    first = sessions[0].get("arguments", {})
+    whole = {name: first.get(name) for name in ("scene", *SAID) if said[name] is None}
+    methods = with_errors(args.methods.split(","), args) if args.methods else []
+    labels = [settings.parse_method(name).label for name in methods]
+    whole["methods"] = ",".join(dict.fromkeys([*old["methods"], *labels]))
+    budgets = {*old["budgets"], *(_budgets(args.samples) if args.samples else ())}
+    whole["samples"] = ",".join(map(str, sorted(budgets)))
+    if args.max_error and not args.methods:
+        raise _check.fail("--max-error", "is for auto among --methods", args.methods)
+    return argparse.Namespace(**{**said, **whole, "max_error": None})
+
+
+def with_old_cases(plan: settings.Plan, old: dict[str, Any]) -> settings.Plan:
+    """The plan with the cases of the folder before its own."""
+    names = [case["name"] for case in old["cases"]]
+    own = {case.name: case for case in plan.cases}
+    cases = [own.get(case["name"]) or settings.restored_case(case) for case in old["cases"]]
+    cases += [case for case in plan.cases if case.name not in names]
+    return dataclasses.replace(plan, cases=cases)
 
 
 def _budgets(text: str | None) -> tuple[int, ...]:
@@ -102,8 +141,10 @@ def finish(study: Study, variants: dict[str, list[claims.Claim]]) -> list[str]:
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
-    start, command = time.perf_counter(), command_line(args)
-    spreads = args.workers is not None or args.scheduler is not None
+    start = time.perf_counter()
+    old = store.recorded(args.output) if args.resume else None
+    if old is not None:
+        args = continued(args, *old)
     if args.scene is None:
         args.width = SIDE if args.width is None else args.width
         args.height = args.width if args.height is None else args.height
@@ -111,7 +152,11 @@ def run(args: argparse.Namespace) -> int:
         **{**vars(args), "samples": None, "filter": None, "max_error": None}
     )
     scene = options.scene_from(wanted)
-    plan = plan_from(args, scene)
+    plan, command = plan_from(args, scene), command_line(args)
+    if old is not None:
+        own, plan = len(plan.cases), with_old_cases(plan, old[0])
+        if len(plan.cases) > own:  # which one command does not describe
+            command = f"{old[1][-1].get('command', '')}\n{command_line(args, resume=True)}"
     study = Study(
         plan,
         scene.environment.load(),
@@ -120,7 +165,15 @@ def run(args: argparse.Namespace) -> int:
         args.output,
         resume=args.resume,
         command=command,
+        arguments={name: getattr(args, name) for name in ("scene", *SAID)},
     )
+    with study.store.lock:
+        return measured(study, args, start)
+
+
+def measured(study: Study, args: argparse.Namespace, start: float) -> int:
+    """Run a study and print what it found."""
+    spreads = args.workers is not None or args.scheduler is not None
     with spread.connect(args.workers, args.scheduler) if spreads else nullcontext() as client:
         study.run(lambda steps: options.progress(steps, len(steps), "study"), client)
     variants = evaluate(study)

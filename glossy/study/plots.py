@@ -6,6 +6,7 @@ row.
 """
 
 import pathlib
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -64,12 +65,13 @@ def speed_against_error(cells: Sequence["Cell"], path: pathlib.Path, subtitle: s
         subtitle += f", {len(cells)} of {whole} cells"
     table, unit = Table(cells), baseline_microseconds(cells)
     methods = list(dict.fromkeys(c.method for c in cells))
-    figure = _figure(max(5.2, 4.4 * len(table.cases)), 4.9)
+    width = max(5.2, 4.4 * len(table.cases))
+    figure = _figure(width, 4.9)
     panels = figure.subplots(1, len(table.cases), sharex=True, sharey=True, squeeze=False)[0]
     plain = FuncFormatter(lambda value, _: f"{value:g}")
     for panel, case in zip(panels, table.cases, strict=True):
         for k, method in enumerate(methods):
-            style = {"color": COLOURS[k % 7], "marker": MARKERS[k % 7], "markersize": 5.5}
+            style = {**_style(k), "markersize": 5.5}
             for bias, line in (("zero", "--"), ("best", "-")):
                 row = table.line(method, case, bias)
                 x = [unit * c.cpu_ratio for c in row]
@@ -89,7 +91,7 @@ def speed_against_error(cells: Sequence["Cell"], path: pathlib.Path, subtitle: s
         panel.text(0.03, 0.03, words, transform=panel.transAxes, fontsize=8.5, color="#444444")
         panel.set_xscale("log")
         panel.set_yscale("log")
-        panel.set_title(case, fontsize=11)
+        panel.set_title(_wrapped(case, 4.0), fontsize=11)
         panel.set_xlabel("CPU time per pixel [µs, one thread]")
         panel.grid(visible=True, which="major", color="#d8d8d8", linewidth=0.7)
         panel.grid(visible=True, which="minor", color="#eeeeee", linewidth=0.4)
@@ -101,17 +103,40 @@ def speed_against_error(cells: Sequence["Cell"], path: pathlib.Path, subtitle: s
     errors = [100.0 * c.relative_rms for c in cells if c.relative_rms > 0.0]
     if errors:
         panels[0].set_ylim(0.4 * min(errors), 1.5 * max(errors))
-    handles = [
-        Line2D([], [], color=COLOURS[k % 7], marker=MARKERS[k % 7], label=method)
-        for k, method in enumerate(methods)
-    ]
+    low, high = panels[0].get_xlim()
+    if high < 2.0 * low:  # ticks of a scale shorter than this tell noise apart
+        middle = (low * high) ** 0.5
+        panels[0].set_xlim(middle / 2.0**0.5, middle * 2.0**0.5)
+    handles = [Line2D([], [], **_style(k), label=method) for k, method in enumerate(methods)]
     handles += [
         Line2D([], [], color="#555555", label="best bias"),
         Line2D([], [], color="#555555", linestyle="--", label="bias 0"),
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)
-    figure.suptitle(f"Error against time. {subtitle}", fontsize=11)
+    figure.set_figheight(4.7 + 0.2 * _legend(figure, handles))
+    figure.suptitle(_wrapped(f"Error against time. {subtitle}", width), fontsize=11)
     _save(figure, path)
+
+
+def _style(k: int) -> dict[str, Any]:
+    """Colour and marker of the k-th method; colours come back with other markers."""
+    return {"color": COLOURS[k % 7], "marker": MARKERS[(k + k // 7) % 7]}
+
+
+def _wrapped(text: str, width: float) -> str:
+    """A figure's title in lines that ``width`` inches hold."""
+    return textwrap.fill(text, int(11 * width))
+
+
+def _legend(figure: "Figure", handles: Sequence[Any]) -> int:
+    """Put the legend below the panels, in as many rows as its width needs; returns their number."""
+    for columns in range(len(handles), 0, -1):
+        legend = figure.legend(
+            handles=handles, loc="outside lower center", ncols=columns, fontsize=9
+        )
+        if columns == 1 or legend.get_window_extent().width <= 0.98 * figure.bbox.width:
+            break
+        legend.remove()
+    return -(-len(handles) // columns)
 
 
 def baseline_microseconds(cells: Sequence["Cell"]) -> float:
@@ -204,6 +229,6 @@ def pictures(study: "Study", case_name: str, bias_kind: str, path: pathlib.Path)
             panel.set_yticks([])
     bias = "with the best level bias" if bias_kind == "best" else "without level bias"
     tone = f"white = radiance {white:.3g}, the truth's {WHITE:g}th percentile; sRGB"
-    figure.suptitle(f"{case_name}, {bias}   ({tone})", fontsize=11)
+    figure.suptitle(_wrapped(f"{case_name}, {bias}   ({tone})", 12.6), fontsize=11)
     _save(figure, path)
     return True

@@ -5,6 +5,7 @@ import dataclasses
 import io
 import json
 import math
+import textwrap
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from .run import Study
 
 SCHEMA = 1
+WIDTH = 100  # characters of a line of a table
 PICTURES = """\
 Radiance is shown sRGB encoded, with one white for all pictures of a figure, chosen from its truth
 and printed above it; brighter pixels are clipped. The false colours are |image - truth| in
@@ -32,7 +34,10 @@ CPU time on one thread of what a method makes anew when the map changes, and whe
 
 
 def error_table(cells: Sequence[Cell]) -> str:
-    """Relative RMS error [%], without and with the best bias, one block for each case."""
+    """Relative RMS error [%], without and with the best bias, one block for each case.
+
+    Budgets that a line of ``WIDTH`` characters does not hold follow in further blocks.
+    """
     table = Table(cells)
     methods = list(dict.fromkeys(c.method for c in cells))
     width = max(len(m) for m in methods) + 2
@@ -42,15 +47,24 @@ def error_table(cells: Sequence[Cell]) -> str:
         doubt = 100.0 * own[0].truth_error / max(own[0].truth_level, 1e-300)
         lines.append(f"{case}: RMS error / RMS of the truth [%], truth +-{doubt:.2g} %")
         counts = [next((c.samples for c in own if c.budget == n), None) for n in table.budgets]
-        header = ["" if n is None else str(n) for n in counts]
-        lines.append(_row("", "samples", header, width))
+        rows = [("", "samples", ["" if n is None else str(n) for n in counts])]
         for method in methods:
             zero, best = (table.row(method, case, b) for b in ("zero", "best"))
-            lines.append(_row(method, "bias 0", _texts(zero, _percent), width))
-            lines.append(_row("", "best bias", _texts(best, _percent), width))
-            lines.append(_row("", "   (bias)", _texts(best, lambda c: f"{c.bias:+.2f}"), width))
-        lines.append("")
+            rows.append((method, "bias 0", _texts(zero, _percent)))
+            rows.append(("", "best bias", _texts(best, _percent)))
+            rows.append(("", "   (bias)", _texts(best, lambda c: f"{c.bias:+.2f}")))
+        lines += _blocks(rows, width)
     return "\n".join(lines)
+
+
+def _blocks(rows: Sequence[tuple[str, str, list[str]]], width: int) -> list[str]:
+    """Rows of columns as lines, in as many blocks as ``WIDTH`` needs, each with an empty line."""
+    most = max(1, (WIDTH - 2 - width - 11) // 8)
+    lines = []
+    for start in range(0, max(len(values) for _, _, values in rows), most):
+        lines += [_row(m, label, values[start : start + most], width) for m, label, values in rows]
+        lines.append("")
+    return lines
 
 
 def _texts(row: Sequence[Cell | None], text: Callable[[Cell], str]) -> list[str]:
@@ -69,6 +83,7 @@ def time_table(cells: Sequence[Cell]) -> str:
     lines = []
     for case in table.cases:
         lines.append(f"{case}: time of a picture on one thread; CPU time over the baseline's")
+        rows = []
         for method in methods:
             row = [c if id(c) in shown else None for c in table.row(method, case, "zero")]
             for label, name, unit in (
@@ -78,8 +93,8 @@ def time_table(cells: Sequence[Cell]) -> str:
                 ("CPU ns/tap", "ns_per_sample", 1.0),
             ):
                 texts = ["" if c is None else f"{unit * getattr(c, name):.3g}" for c in row]
-                lines.append(_row(method if label == "CPU ms" else "", label, texts, width))
-        lines.append("")
+                rows.append((method if label == "CPU ms" else "", label, texts))
+        lines += _blocks(rows, width)
     note = time_note(cells)
     return "\n".join([*lines, *([note, ""] if note else [])])
 
@@ -131,12 +146,14 @@ def _percent(cell: Cell) -> str:
 
 
 def claim_lines(claims: Sequence[Claim]) -> str:
-    """Verdict, statement and numbers of each claim."""
+    """Verdict, statement and numbers of each claim, in lines of ``WIDTH`` characters."""
     lines = []
     for claim in claims:
-        lines.append(f"  {claim.verdict.upper():<19} {claim.statement} [{claim.source}]")
-        if claim.numbers:
-            lines.append(f"{'':<22}{claim.numbers}")
+        head = f"  {claim.verdict.upper():<19} "
+        for first, text in ((head, f"{claim.statement} [{claim.source}]"), ("", claim.numbers)):
+            lines += textwrap.wrap(
+                text, WIDTH, initial_indent=f"{first:<22}", subsequent_indent=22 * " "
+            )
     return "\n".join(lines)
 
 
@@ -179,7 +196,7 @@ def to_dict(
         "command": "study",
         "settings": study.settings,
         "sessions": study.store.sessions,
-        "baseline": "first case, first method, smallest budget, bias 0",
+        "baseline": _baseline(study),
         "truths": truths,
         "cells": [dataclasses.asdict(c) for c in study.cells],
         "preparations": [dataclasses.asdict(p) for p in study.preparations],
@@ -187,6 +204,13 @@ def to_dict(
         "pictures": list(pictures),
     }
     return _without_infinities(value)  # type: ignore[no-any-return]
+
+
+def _baseline(study: "Study") -> str:
+    case, method, budget = study.plan.reference
+    if dataclasses.replace(study.plan, baseline=None).reference == study.plan.reference:
+        return "first case, first method, smallest budget, bias 0"
+    return f"{case}, {method}, budget {budget}, bias 0"
 
 
 def _without_infinities(value: Any) -> Any:
@@ -224,8 +248,7 @@ def markdown(study: "Study", variants: dict[str, list[Claim]], pictures: Sequenc
     else:
         parts.append(f"{first} against importance:\n")
         parts += [
-            f"* **{c.verdict}** ({c.id}): {c.statement} [{c.source}]"
-            + (f"  \n  {c.numbers}" if c.numbers else "")
+            f"* **{c.verdict}** ({c.id}): {c.statement} [{c.source}]" + _indented(c.numbers)
             for c in variants[first]
         ]
         parts.append("")
@@ -247,6 +270,12 @@ def markdown(study: "Study", variants: dict[str, list[Claim]], pictures: Sequenc
     return "\n".join(parts)
 
 
+def _indented(text: str) -> str:
+    """A line break of Markdown and the text in lines that belong to the item above."""
+    lines = textwrap.wrap(text, WIDTH, initial_indent="  ", subsequent_indent="  ")
+    return "".join(["  \n" * bool(text), "\n".join(lines)])
+
+
 def truth_table(study: "Study") -> str:
     """How the truth of each case was found and how well it is known, as Markdown."""
     rows = ["case | RMS of the truth | RMS of its error | relative | kind | seconds"]
@@ -265,8 +294,8 @@ def _timing(study: "Study") -> str:
         f"{last['cpu']}, {last['system']}; glossy {last['glossy']}, Python {last['python']}, NumPy "
         f"{last['numpy']}, Numba {last['numba']}. All on one thread, compiled beforehand: "
         f"{study.settings['repeats']} blocks of at least {1e3 * BLOCK:g} ms; CPU: the least of the "
-        "blocks, wall: their median. Ratio: over the baseline (first case and method, smallest "
-        "budget, bias 0), timed in turn with each cell. Bias 0; study.csv has the rest.\n"
+        f"blocks, wall: their median. Ratio: over the baseline ({_baseline(study)}), timed in "
+        "turn with each cell. Bias 0; study.csv has the rest.\n"
     )
     used = sorted({c.session for c in study.cells})
     if len(used) > 1:

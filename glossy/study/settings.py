@@ -169,6 +169,33 @@ def case_of(material: "Material", name: str | None = None) -> Case:
     return Case(name, dataclasses.replace(material, kd=0.0))
 
 
+def restored_case(described: dict[str, Any]) -> Case:
+    """The case that ``Plan.describe`` describes.
+
+    Raises
+    ------
+    ValueError
+        If its material cannot be made of what is written there.
+    """
+    from ..brdf import Lobe, Material
+
+    name, material = described["name"], dict(described["material"])
+    try:
+        for side in ("reflection", "transmission"):
+            material[side] = [Lobe(**lobe) for lobe in material[side]]
+        case = Case(name, Material(**material))
+        same = _plain(dataclasses.asdict(case.material)) == described["material"]
+    except (TypeError, KeyError):
+        same = False
+    if not same:
+        raise ValueError(f"cases: the material of {name!r} must be named again: --material")
+    return case
+
+
+def _plain(value: Any) -> Any:
+    return json.loads(json.dumps(value))
+
+
 def default_cases() -> list[Case]:
     """The paper's three lobes, F = 1 and alpha = 0."""
     from ..materials import parse_material
@@ -178,7 +205,11 @@ def default_cases() -> list[Case]:
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """A whole study. ``tolerance``: asked of the truth; ``subset``: pixels of the bias search."""
+    """A whole study. ``tolerance``: asked of the truth; ``subset``: pixels of the bias search.
+
+    ``baseline``: case, method and budget, all of the plan, whose time is the unit of the others';
+    None: the first case and method, the smallest budget.
+    """
 
     cases: Sequence[Case]
     methods: Sequence[MethodSpec]
@@ -188,6 +219,7 @@ class Plan:
     tolerance: float = 1e-3
     repeats: int = 3
     subset: int = 1200
+    baseline: tuple[str, str, int] | None = None
 
     def __post_init__(self) -> None:
         for budget in self.budgets:
@@ -202,6 +234,12 @@ class Plan:
         for name, items in named.items():
             if not items or len(set(items)) != len(items):
                 raise _check.fail(name, "must be at least one, each once", items)
+
+    @property
+    def reference(self) -> tuple[str, str, int]:
+        """Case, method and budget of the baseline."""
+        first = self.cases[0].name, self.methods[0].label, min(self.budgets)
+        return first if self.baseline is None else self.baseline
 
     @property
     def preparation(self) -> dict[str, str]:
@@ -221,6 +259,7 @@ class Plan:
             "reference_tolerance": self.tolerance,
             "repeats": self.repeats,
             "bias_search_pixels": self.subset,
+            "baseline": list(self.reference),
         }
 
 

@@ -5,13 +5,20 @@ arrives. Workers hold the ``Bench`` and prepare their own pyramids, once. Kernel
 and a worker does one task at a time, whatever its number of threads. The errors are the bits of a
 run in one process where the processors are of one model; times are taken while other cells run, and
 marked so.
+
+What tasks need is sent from here, truths included once they are kept: a worker that asked another
+one that has died would wait half a minute for it. Tasks that are lost with their workers are
+submitted anew; where none comes back, or nobody is left to work, the study ends with one line.
 """
 
 import contextlib
 import logging
+import platform
+import queue
 import signal
 import threading
-from collections.abc import Iterator
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from .. import _check
@@ -20,17 +27,48 @@ from .measure import one_thread
 from .run import Step, Study, Work
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, Future
 
 _ONE_TASK = threading.Lock()
+KEPT = "what is finished is kept, --resume goes on"
+TRIES = 3  # times in a row that tasks are lost before any arrives
+PATIENCE = 30.0  # seconds without any worker
+DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 
 
-def _truth(bench: Bench, index: int) -> dict[str, Any]:
+def versions() -> dict[str, str]:
+    """What must be the same here and on every worker."""
+    import numba
+    import numpy as np
+
+    from .._version import __version__
+
+    python = ".".join(platform.python_version_tuple()[:2])
+    own = {"glossy": __version__, "Python": python}
+    return {**own, "NumPy": np.__version__, "Numba": numba.__version__}
+
+
+def _check_versions(wanted: dict[str, str], worker: str) -> None:
+    found = versions()
+    other = [f"{name} {found.get(name)} for {v}" for name, v in wanted.items() if found[name] != v]
+    if other:
+        raise ValueError(f"study: worker {worker} has other versions: {', '.join(other)}")
+
+
+def _truth(bench: Bench, index: int, wanted: dict[str, str]) -> dict[str, Any]:
+    from distributed import get_worker
+
+    _check_versions(wanted, get_worker().address)
     with _ONE_TASK, one_thread():
         return bench.truth(bench.plan.cases[index])
 
 
-def _cell(bench: Bench, index: int, place: int, arrays: dict[str, Any]) -> Cell:
+def _cell(
+    bench: Bench, index: int, place: int, arrays: dict[str, Any], wanted: dict[str, str]
+) -> Cell:
+    from distributed import get_worker
+
+    _check_versions(wanted, get_worker().address)
     case = bench.plan.cases[index]
     with _ONE_TASK, one_thread():
         return bench.measure(case, *bench.wanted[case.name][place], Truth.of(arrays), loaded=True)
@@ -59,22 +97,25 @@ def connect(workers: int | None = None, scheduler: str | None = None) -> Iterato
     """
     if (workers is None) == (scheduler is None):
         raise _check.fail("workers, scheduler", "must be one of the two", (workers, scheduler))
+    count = None if workers is None else _check.count("workers", workers)
     try:
         from distributed import Client, LocalCluster
     except ImportError:
         raise ValueError(
             "study: needs Dask for several processes: pip install 'glossy-envmap[dask]'"
         ) from None
-    if scheduler is not None:
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is said here
+    if count is None:
         try:
-            client = Client(scheduler, timeout="10s")
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # versions are compared with the tasks
+                client = Client(scheduler, timeout="10s")
         except (OSError, ValueError) as error:
             rule = f"must be the address of a Dask scheduler ({_check.shortened(str(error), 120)})"
             raise _check.fail("scheduler", rule, scheduler) from None
         with client:
             yield client
         return
-    count = _check.count("workers", workers)
     with _deaf_to_interrupts():  # workers inherit it: only this process answers Ctrl-C
         cluster = LocalCluster(
             n_workers=count,
@@ -83,6 +124,7 @@ def connect(workers: int | None = None, scheduler: str | None = None) -> Iterato
             dashboard_address=None,
             silence_logs=logging.CRITICAL,
             env={"NUMBA_NUM_THREADS": "1"},
+            preload=[DEAF],  # those started in the place of dead ones
         )
     with cluster, Client(cluster) as client:
         yield client
@@ -99,44 +141,131 @@ class Arrivals:
     """The steps of a study in the order in which their results arrive.
 
     What is in the store is not measured again. Leaving the loop cancels what is not finished.
+
+    Raises
+    ------
+    OSError
+        While it is iterated: the scheduler or the workers are gone.
     """
 
     def __init__(self, study: Study, client: "Client") -> None:
         self.study, self.client = study, client
         self.steps = len(study.plan.cases) + len(study.wanted())
+        self._waiting: dict[Future, Work | int] = {}
+        self._done: queue.SimpleQueue[Future] = queue.SimpleQueue()
+        self._versions = versions()
+        self._sent: dict[Any, Future] = {}
 
     def __len__(self) -> int:
         return self.steps
 
     def __iter__(self) -> Iterator[Step]:
-        from distributed import as_completed
-
-        study, client = self.study, self.client
-        bench = client.scatter(study.bench, broadcast=True, hash=False)
-        waiting: dict[Any, Work | int] = {}
+        study = self.study
+        missing: list[Work | int] = []
+        for index, case in enumerate(study.plan.cases):
+            found = [study.find_cell((case, *rest)) for rest in study.bench.wanted[case.name]]
+            known = study.find_truth(case)
+            yield from [_nothing] * (sum(found) + known)
+            if not known:
+                missing.append(index)  # its cells follow when it is here
+            elif not all(found):
+                missing += self._cells_of(index)
         try:
-            for index, case in enumerate(study.plan.cases):
-                found = [study.find_cell((case, *rest)) for rest in study.bench.wanted[case.name]]
-                yield from [_nothing] * sum(found)
-                known = study.find_truth(case)
-                if known:
-                    yield _nothing
-                if known and all(found):
-                    continue
-                if known:
-                    # in a list: a mapping would be taken for named data
-                    [truth] = client.scatter([study.store.get_truth(case.slug)], hash=False)
-                else:
-                    truth = client.submit(_truth, bench, index, pure=False)
-                    waiting[truth] = index
-                for place, rest in enumerate(study.bench.wanted[case.name]):
-                    if not found[place]:
-                        future = client.submit(_cell, bench, index, place, truth, pure=False)
-                        waiting[future] = (case, *rest)
-            for future, result in as_completed(list(waiting), with_results=True):
-                yield self._keep(waiting.pop(future), result)
+            self._submit(missing)
+            yield from self._arrivals()
         finally:
-            client.cancel(list(waiting))
+            with contextlib.suppress(Exception):  # the scheduler may be gone
+                self.client.cancel(list(self._waiting))
+
+    def _cells_of(self, index: int) -> list[Work]:
+        """The cells of a case that are not in the store."""
+        case = self.study.plan.cases[index]
+        wanted = [(case, *rest) for rest in self.study.bench.wanted[case.name]]
+        return [work for work in wanted if not self.study.find_cell(work)]
+
+    def _arrivals(self) -> Iterator[Step]:
+        lost: list[Work | int] = []
+        tries = 0
+        while self._waiting or lost:
+            if not self._waiting:  # what was under way with the lost ones is known now
+                tries += 1
+                if tries > TRIES:
+                    raise OSError(f"study: its workers die again and again; {KEPT}")
+                self._sent.clear()
+                self._submit(lost)
+                lost = []
+            future = self._next()
+            work, result = self._waiting.pop(future), self._result(future)
+            if result is None:
+                lost.append(work)
+                continue
+            tries = 0
+            yield self._keep(work, result)
+            if isinstance(work, int):
+                self._submit(self._cells_of(work))
+
+    def _next(self) -> "Future":
+        """The next task that has ended, in whatever way."""
+        alone = 0.0
+        while True:
+            try:
+                return self._done.get(timeout=1.0)
+            except queue.Empty:
+                pass
+            if self.client.status not in ("running", "connecting"):
+                raise OSError(f"study: the Dask scheduler is gone; {KEPT}")
+            workers = self.client.scheduler_info(n_workers=-1)["workers"]
+            alone = 0.0 if workers else alone + 1.0
+            if alone > PATIENCE:
+                raise OSError(f"study: no Dask worker is left; {KEPT}")
+
+    def _result(self, future: "Future") -> Any:
+        """What a task returned; None if it was lost with its worker. Its refusals are ours."""
+        from distributed import CancelledError, KilledWorker
+
+        try:
+            return future.result(timeout=PATIENCE)
+        except KilledWorker:
+            raise OSError(f"study: a task killed its worker again and again; {KEPT}") from None
+        except (Exception, CancelledError) as error:
+            if future.status != "error":
+                return None
+            if isinstance(error, OSError | ValueError):
+                raise
+            said = _check.shortened(f"{type(error).__name__}: {error}", 200)
+            raise OSError(f"study: a worker failed ({said}); {KEPT}") from None
+
+    def _submit(self, work: Sequence[Work | int]) -> None:
+        from distributed import CancelledError
+
+        try:
+            for one in work:
+                self._submit_one(one)
+        except (OSError, RuntimeError, CancelledError) as error:
+            who = "workers are" if self.client.status == "running" else "scheduler is"
+            said = _check.shortened(str(error) or type(error).__name__, 120)
+            raise OSError(f"study: the Dask {who} gone ({said}); {KEPT}") from None
+
+    def _submit_one(self, work: Work | int) -> None:
+        study, client = self.study, self.client
+        bench = self._send("bench", lambda: study.bench)
+        if isinstance(work, int):
+            future = client.submit(_truth, bench, work, self._versions, pure=False)
+        else:
+            case, rest = work[0], work[1:]
+            index = study.plan.cases.index(case)
+            truth = self._send(index, lambda: study.store.get_truth(case.slug, case.name))
+            place = study.bench.wanted[case.name].index(rest)
+            future = client.submit(_cell, bench, index, place, truth, self._versions, pure=False)
+        self._waiting[future] = work
+        future.add_done_callback(self._done.put)
+
+    def _send(self, name: Any, value: Callable[[], Any]) -> "Future":
+        """The future of a value that every worker has."""
+        if name not in self._sent:
+            # in a list: a mapping would be taken for named data
+            [self._sent[name]] = self.client.scatter([value()], broadcast=True, hash=False)
+        return self._sent[name]
 
     def _keep(self, work: Work | int, result: Any) -> Step:
         if isinstance(work, int):

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .._npz import load_npz
 from .._output import write_npz, write_text
-from ..gbuffer import load_npz
 from . import sealed
 from .lock import Lock
 from .settings import digest
@@ -178,9 +178,10 @@ class Store:
         if mark != self.mark(case):
             raise ValueError("of a study with other settings")
 
-    def put(self, key: str, case: str, value: dict[str, Any]) -> None:
-        """Keep a finished measurement."""
-        write_json(self.cell_path(key), sealed.sealed({"study": self.mark(case), **value}))
+    def put(self, key: str, value: dict[str, Any]) -> None:
+        """Keep a finished measurement; its entry ``case`` names the case."""
+        whole = {"study": self.mark(value.get("case", "")), **value}
+        write_json(self.cell_path(key), sealed.sealed(whole))
 
     def get_truth(self, key: str, case: str) -> dict[str, Array] | None:
         """Arrays of a finished ground truth, or None."""
