@@ -159,7 +159,10 @@ def read_image(
     if said:
         rest = "not applied, values are taken as linear Rec. 709"
         warnings.warn(f"{source.name}: {said}: {rest}", stacklevel=3)  # 2 is ``checked``
-    pixels = np.empty((*source.shape, len(source.planes)), dtype=np.float32)
+    try:
+        pixels = np.empty((*source.shape, len(source.planes)), dtype=np.float32)
+    except MemoryError as error:
+        raise ImageError(f"{source.name}: cannot be read: {error}") from None
     with np.errstate(over="ignore"):
         for i, plane in enumerate(source.planes.values()):
             pixels[..., i] = plane
