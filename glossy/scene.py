@@ -84,10 +84,12 @@ class EnvironmentSource:
     source: str = "spots"
     size: int = 256
     layout: str | None = None
-    orientation: str = "glossy"
+    orientation: str | None = None
     negative: str = "clamp"
     nonfinite: str = "error"
     encoding: str | None = None
+    crop: str = "error"
+    max_pixels: int = 2**28
 
     def __post_init__(self) -> None:
         if not isinstance(self.source, str):
@@ -113,6 +115,8 @@ class EnvironmentSource:
             negative=self.negative,
             nonfinite=self.nonfinite,
             encoding=self.encoding,
+            crop=self.crop,
+            max_pixels=self.max_pixels,
         )
 
 

@@ -389,6 +389,28 @@ def test_the_command_s_limits_and_crops(run: Run, capsys: pytest.CaptureFixture[
     assert json.loads(capsys.readouterr().out)["orientation"] == "openexr"
 
 
+def test_pictures_take_the_same_options(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli, "COMMANDS", ("render",))
+    monkeypatch.chdir(tmp_path)
+    exr_file(tmp_path / "c.exr", noise(4, 4), display=(0, 0, 7, 3))
+    line = ["render", "--env", "c.exr", "--material", "mx=.2", "-o", "o.exr"]
+    for more, said in (
+        ([], "stores only part of the picture"),
+        (["--crop", "black", "--max-pixels", "31"], "limit of 31 pixels"),
+    ):
+        assert cli.main([*line, *more]) == 2
+        text = capsys.readouterr().err
+        assert said in text
+        assert text.count("\n") == 1
+    (tmp_path / "s.toml").write_text('[environment]\nsource = "c.exr"\ncrop = "black"\nsize = 2\n')
+    scene = glossy.load_scene(tmp_path / "s.toml")
+    assert scene.environment is not None
+    read = scene.environment.load()
+    assert np.array_equal(read.faces, glossy.read_environment("c.exr", size=2, crop="black").faces)
+
+
 @pytest.mark.parametrize("place", ["map.exr", "faces/px.exr", "map.hdr"])
 def test_pipes_are_refused_at_once(
     run: Run, capsys: pytest.CaptureFixture[str], place: str

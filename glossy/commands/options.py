@@ -51,6 +51,14 @@ def add_scene_arguments(parser: argparse.ArgumentParser, gbuffer: bool = True) -
         "--input-layout", metavar="L", help="layout of the environment file, if not recognised"
     )
     group.add_argument("--orientation", metavar="O", help="orientation preset of the environment")
+    group.add_argument(
+        "--crop",
+        choices=("error", "black"),
+        help="environment EXR that stores part of its display window: refused, or black elsewhere",
+    )
+    group.add_argument(
+        "--max-pixels", type=int, metavar="N", help="refuse larger environment files (2^28 pixels)"
+    )
     group.add_argument("--negative", choices=("error", "clamp", "keep"), help="negative radiance")
     group.add_argument("--nonfinite", choices=("error", "clamp", "keep"), help="NaN and infinity")
     group.add_argument("--encoding", choices=("linear", "srgb"), help="of an 8 or 16-bit map")
@@ -170,6 +178,8 @@ def scene_from(args: argparse.Namespace) -> "Scene":
         ("size", "size"),
         ("input_layout", "layout"),
         ("orientation", "orientation"),
+        ("crop", "crop"),
+        ("max_pixels", "max_pixels"),
         ("negative", "negative"),
         ("nonfinite", "nonfinite"),
         ("encoding", "encoding"),

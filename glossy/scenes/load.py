@@ -254,7 +254,8 @@ def overlay(scene: ObjectScene, given: Table, method_options: Sequence[str]) -> 
         if name in given:
             change[name] = given[name]
     keys = {"env": "source", "size": "size", "input_layout": "layout", "orientation": "orientation",
-            "negative": "negative", "nonfinite": "nonfinite"}  # fmt: skip
+            "negative": "negative", "nonfinite": "nonfinite", "crop": "crop",
+            "max_pixels": "max_pixels"}  # fmt: skip
     env = {field: given[name] for name, field in keys.items() if name in given}
     if env:
         change["environment"] = dataclasses.replace(scene.environment or EnvironmentSource(), **env)
