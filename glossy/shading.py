@@ -388,7 +388,8 @@ def shade(
     Raises
     ------
     ValueError
-        For an unknown method, an option foreign to it, or a value out of range.
+        For an unknown method, an option foreign to it, a value out of range, or radiance beyond the
+        largest number of the precision where the map is finite.
     """
     function = methods.resolve(method)
     methods.check_options(method, options)
@@ -425,5 +426,19 @@ def shade(
         front = points.coverage & (np.sum(points.view * points.normal, axis=-1) > 0.0)
         share = material.diffuse_share(points.local_view)
         light = weight / math.pi * e if share is None else weight / math.pi * share * e
-        out += np.where(front[..., None], light, 0.0).astype(dtype)
+        with np.errstate(over="ignore"):
+            out += np.where(front[..., None], light, 0.0).astype(dtype)
+    over = np.asarray(~np.isfinite(out).all(axis=-1))
+    if over.any() and _is_finite(prepared, irradiance, irradiance_below):
+        rule = f"must not make radiance beyond {np.finfo(dtype).max:.3g}{_check.first_place(over)}"
+        got = f"{int(over.sum())} points that are"
+        raise _check.fail("prepared", f"{rule}; scale the map down", got)
     return out
+
+
+def _is_finite(prepared: Any, *diffuse: npt.ArrayLike | None) -> bool:
+    """Whether what is looked up, or the map it was made of, has neither NaN nor infinity."""
+    cube = getattr(prepared, "cube", None)
+    held = getattr(prepared, "levels", []) if cube is None else [cube.faces]
+    given = [light for light in diffuse if light is not None]
+    return all(bool(np.all(np.isfinite(values))) for values in (*held, *given))

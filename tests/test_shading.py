@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import glossy
-from glossy import shading, tiles
+from glossy import methods, shading, tiles
 from glossy.frames import normalise, reflect, sphere_tangent, spherical, to_world
 
 Float64Array = npt.NDArray[np.float64]
@@ -310,6 +310,40 @@ def test_diffuse_term_is_added_when_the_irradiance_is_given() -> None:
     assert np.allclose(out, [0.3, 0.2, 0.1], rtol=1e-6)
     with pytest.warns(UserWarning, match="kd > 0 but no irradiance"):
         assert np.all(glossy.shade(points, matt, pyramid) == 0.0)
+
+
+# --- the ends of single precision -----------------------------------------------------------------
+
+METHODS = ["regular", "importance", "thesis", "lattice", "split-sum", "bent", "axis-taps"]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_methods_are_linear_up_to_1e37_and_refuse_what_passes_the_end(method: str) -> None:
+    """From 1e-36 up; a lobe that amplifies makes infinity of 3e38, which is one line."""
+    points = random_points(40)
+    relative = np.random.default_rng(3).uniform(0.7, 1.0, (6, 8, 8, 3)).astype(np.float32)
+    lobe = glossy.Lobe(0.2, 0.1, r0=0.5, alpha=1.0)
+    material = glossy.Material(reflection=[lobe])
+
+    def shaded(scale: float) -> Float64Array:
+        cube = glossy.CubeMap(relative * np.float32(scale))
+        prepared = methods.prepare(method, cube, material)
+        return np.asarray(glossy.shade(points, lobe, prepared, method) / np.float64(scale))
+
+    base = shaded(1.0)
+    for scale in (1e-36, 1e30, 1e37):
+        np.testing.assert_allclose(shaded(scale), base, rtol=2e-6)
+    assert base.max() > 1.2
+    with pytest.raises(ValueError, match=r"^prepared: must not make .*3\.4e\+38 \(index \d+\); .*"):
+        shaded(3.3e38)
+
+
+def test_kept_infinities_are_no_overflow() -> None:
+    faces = np.ones((6, 4, 4, 3), np.float32)
+    faces[4] = np.inf
+    pyramid = glossy.build_pyramid(glossy.CubeMap(faces, nonfinite="keep"))
+    point = glossy.SurfacePoints([0, 0, 1.0], view=[0, 0, 1.0])
+    assert not np.isfinite(glossy.shade(point, LOBES["iso"], pyramid)).any()
 
 
 # --- contract -------------------------------------------------------------------------------------
