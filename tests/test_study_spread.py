@@ -96,7 +96,7 @@ def test_the_interrupt_key_keeps_what_is_finished(tmp_path: pathlib.Path) -> Non
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
     cells, deadline = out / "cells", time.monotonic() + 120.0
-    while not (cells.is_dir() and any(cells.glob("*.json"))):
+    while not (cells.is_dir() and any(cells.glob("[!.]*.json"))):
         assert process.poll() is None, process.communicate()[1]
         assert time.monotonic() < deadline
         time.sleep(0.02)
@@ -177,3 +177,121 @@ def test_methods_of_one_tap_are_measured_once(serial: Study) -> None:
     assert len(row) == len(header)
     names = commandline.finish(serial, commandline.evaluate(serial))
     assert len(names) == 4
+
+
+# --- workers that die -----------------------------------------------------------------------------
+
+
+@needs_dask
+@pytest.mark.parametrize("dead", [1, 2])
+def test_what_dead_workers_were_doing_is_done_again(
+    dead: int, tmp_path: pathlib.Path, serial: Study, client: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With new workers, to the same bits; the truths that are kept are not computed again."""
+    truths: list[int] = []
+    submit = client.submit
+
+    def counted(function: Any, *args: Any, **options: Any) -> Any:
+        if function is spread._truth:
+            truths.append(args[1])
+        return submit(function, *args, **options)
+
+    def killing(steps: Any) -> Iterator[Callable[[], None]]:
+        alive = True
+        for step in steps:
+            yield step
+            if alive and len(broken.truths) == 2:  # the cells of one are all to come
+                alive = False
+                for pid in list(client.run(os.getpid).values())[:dead]:
+                    os.kill(pid, signal.SIGKILL)
+
+    monkeypatch.setattr(client, "submit", counted)
+    broken = planned(tmp_path)
+    broken.run(killing, client)
+    assert errors(broken.cells) == errors(serial.cells)
+    assert truths == [0, 1]
+
+
+def test_workers_that_always_die_end_the_study_with_one_line(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arrivals = spread.Arrivals(planned(tmp_path), FakeClient())
+    monkeypatch.setattr(arrivals, "_result", lambda future: None)
+    with pytest.raises(OSError, match="its workers die again and again; what is finished is kept"):
+        list(arrivals)
+    assert arrivals.client.submitted == 2 * (1 + spread.TRIES)
+
+
+class FakeFuture:
+    """A task that has ended already."""
+
+    status = "cancelled"
+
+    def add_done_callback(self, call: Callable[[Any], None]) -> None:
+        call(self)
+
+
+class FakeClient:
+    """Takes tasks and loses them; or has no workers, or no scheduler."""
+
+    status = "running"
+
+    def __init__(self, silent: bool = False, workers: int = 1) -> None:
+        self.submitted, self.silent, self.workers = 0, silent, workers
+
+    def scatter(self, values: list[Any], **_: Any) -> list[Any]:
+        return [FakeFuture() for _ in values]
+
+    def submit(self, *_: Any, **__: Any) -> FakeFuture:
+        self.submitted += 1
+        future = FakeFuture()
+        if self.silent:
+            future.add_done_callback = lambda call: None  # type: ignore[method-assign]
+        return future
+
+    def scheduler_info(self, n_workers: int) -> dict[str, Any]:
+        return {"workers": dict.fromkeys(range(self.workers))}
+
+    def cancel(self, futures: list[Any]) -> None:
+        raise OSError("gone")
+
+
+@pytest.mark.parametrize(
+    ("client", "status", "words"),
+    [
+        (FakeClient(silent=True, workers=0), "running", "no Dask worker is left"),
+        (FakeClient(silent=True), "closed", "the Dask scheduler is gone"),
+    ],
+)
+def test_nobody_left_to_work_is_one_line(
+    client: FakeClient,
+    status: str,
+    words: str,
+    tmp_path: pathlib.Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(spread, "PATIENCE", 0.0)
+    monkeypatch.setattr(client, "status", status)
+    with pytest.raises(OSError, match=f"study: {words}; what is finished is kept, --resume"):
+        list(spread.Arrivals(planned(tmp_path), client))
+
+
+def test_a_scheduler_that_goes_while_tasks_are_sent_is_one_line(tmp_path: pathlib.Path) -> None:
+    client = FakeClient()
+    client.status = "connecting"
+    client.scatter = lambda *_, **__: client.cancel([])  # type: ignore[assignment, method-assign]
+    with pytest.raises(OSError, match=r"study: the Dask scheduler is gone \(gone\); what is"):
+        list(spread.Arrivals(planned(tmp_path), client))
+
+
+@needs_dask
+def test_a_worker_of_another_version_is_refused(
+    tmp_path: pathlib.Path, client: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(spread, "versions", lambda: {"glossy": "99", "NumPy": "0.1"})
+    with pytest.raises(
+        ValueError, match=r"study: worker tcp://.* has other versions: glossy "
+    ) as e:
+        small(tmp_path).run(client=client)
+    assert "for 99, NumPy " in str(e.value)
+    assert "\n" not in str(e.value)

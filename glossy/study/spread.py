@@ -17,6 +17,7 @@ import platform
 import queue
 import signal
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
@@ -99,6 +100,7 @@ def connect(workers: int | None = None, scheduler: str | None = None) -> Iterato
         raise _check.fail("workers, scheduler", "must be one of the two", (workers, scheduler))
     count = None if workers is None else _check.count("workers", workers)
     try:
+        import dask
         from distributed import Client, LocalCluster
     except ImportError:
         raise ValueError(
@@ -116,7 +118,11 @@ def connect(workers: int | None = None, scheduler: str | None = None) -> Iterato
         with client:
             yield client
         return
-    with _deaf_to_interrupts():  # workers inherit it: only this process answers Ctrl-C
+    connecting = {"distributed.comm.timeouts.connect": "10s"}  # to a worker that may be dead
+    with (
+        dask.config.set(connecting),
+        _deaf_to_interrupts(),
+    ):  # workers inherit it: only this process answers Ctrl-C
         cluster = LocalCluster(
             n_workers=count,
             threads_per_worker=1,
@@ -262,9 +268,15 @@ class Arrivals:
 
     def _send(self, name: Any, value: Callable[[], Any]) -> "Future":
         """The future of a value that every worker has."""
-        if name not in self._sent:
-            # in a list: a mapping would be taken for named data
-            [self._sent[name]] = self.client.scatter([value()], broadcast=True, hash=False)
+        tries = 0
+        while name not in self._sent:
+            try:  # in a list: a mapping would be taken for named data
+                [self._sent[name]] = self.client.scatter([value()], broadcast=True, hash=False)
+            except OSError:  # to a worker that has just died
+                tries += 1
+                if tries > TRIES or self.client.status != "running":
+                    raise
+                time.sleep(1.0)
         return self._sent[name]
 
     def _keep(self, work: Work | int, result: Any) -> Step:

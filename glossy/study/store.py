@@ -104,7 +104,7 @@ class Store:
         self.sessions: list[Any] = []
         self.lock = Lock(self.folder)
         with self.lock:
-            kept = ("cells/*.json", "truth/*.npz")
+            kept = ("cells/[!.]*.json", "truth/[!.]*.npz")
             if any(any(self.folder.glob(pattern)) for pattern in kept):
                 if not resume:
                     raise ValueError(
