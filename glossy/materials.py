@@ -4,7 +4,8 @@ The names are the published fits of three measured surfaces, thesis Tables 3.1-3
 materials of our choice (``chosen``); ``describe`` says which is which. The albedos of
 those tables stand beside what their printed parameters give: the directional-hemispherical
 reflectivity (thesis eq. 2.7) and transmissivity (2.8), averaged plainly over the measured incident
-directions. Rounding of the printed parameters alone moves the average by 0.011 to 0.017.
+directions. Rounding of the printed parameters alone moves the average by 0.005 to 0.017, which is
+less than the gap of two rows and of a misprint (docs/materials.md).
 
 A file is TOML or JSON; a line is ``mx=.2,my=.075,ks=1,r0=1,alpha=0,kd=0``. docs/materials.md has
 the formats.
