@@ -10,6 +10,7 @@ import functools
 import os
 import pathlib
 import re
+from collections.abc import Iterator
 
 VARIABLE = "GLOSSY_MAX_MEMORY"
 SHARE = 0.5  # of the machine's: a reader's estimate leaves out what its library takes beside it
@@ -55,6 +56,19 @@ def set_limit(value: object) -> None:
     """Set the limit of this process, as ``parse`` takes it; None returns to the default."""
     global _chosen
     _chosen = None if value is None else parse("max_memory", value)
+
+
+@contextlib.contextmanager
+def limited(value: str | None) -> Iterator[None]:
+    """The limit of a command line's ``--max-memory`` while it lasts; None changes nothing."""
+    global _chosen
+    before = _chosen
+    if value is not None:
+        _chosen = parse("--max-memory", value)
+    try:
+        yield
+    finally:
+        _chosen = before
 
 
 def check(name: str, need: int) -> None:

@@ -16,8 +16,9 @@ import sys
 import traceback
 import warnings
 from collections.abc import Sequence
+from typing import NoReturn
 
-from . import _check
+from . import _check, _memory
 from ._version import __version__
 from .commands import streams, talk
 from .commands.provenance import COMMAND_LINE
@@ -66,6 +67,11 @@ def build_parser() -> argparse.ArgumentParser:
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND")
     for name in COMMANDS:
         importlib.import_module(f"{__package__}.commands.{name}").add_parser(subparsers)
+        subparsers.choices[name].add_argument(
+            "--max-memory",
+            metavar="SIZE",
+            help="most that reading one input may take, as 4G (default half of the machine's)",
+        )
     for each in (parser, *subparsers.choices.values()):
         for name, text in talk.HELP.items():  # taken out before, since they may stand anywhere
             each.add_argument(
@@ -136,7 +142,11 @@ def _main(words: Sequence[str]) -> int:
         if level == talk.QUIET:
             warnings.simplefilter("ignore")
         try:
-            with streams.redirected(args, level == talk.QUIET), talk.telling(args.command, level):
+            with (
+                streams.redirected(args, level == talk.QUIET),
+                talk.telling(args.command, level),
+                _memory.limited(getattr(args, "max_memory", None)),
+            ):
                 return int(args.run(args))
         except BrokenPipeError:
             raise

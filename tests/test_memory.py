@@ -3,11 +3,13 @@
 import pathlib
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from picture_files import rgb_exr
 
-from glossy import _memory
+from glossy import _memory, cli
 
 
 @pytest.fixture(autouse=True)
@@ -66,6 +68,23 @@ def test_a_control_group_below_the_machine_counts(
         found.append(_memory.limit())
     assert found[0] == 2048
     assert found[1] > 2**20
+
+
+def test_commands_take_the_limit(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli, "COMMANDS", ("compare",))
+    path = tmp_path / "a.exr"
+    path.write_bytes(rgb_exr(np.ones((60, 60, 3), np.float32)))
+    line = ["compare", str(path), str(path)]
+    assert cli.main(line) == 0
+    capsys.readouterr()
+    for size, said in (("64K", "more than the limit of 64 KiB"), ("some", "--max-memory: must be")):
+        assert cli.main([*line, "--max-memory", size]) == 2
+        text = capsys.readouterr().err
+        assert said in text
+        assert text.count("\n") == 1
+    assert cli.main(line) == 0  # the limit ends with its command
 
 
 def test_more_than_the_limit_is_refused_in_one_line() -> None:
