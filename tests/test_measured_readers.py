@@ -3,12 +3,16 @@
 import os
 import pathlib
 import struct
+from collections.abc import Callable
 from typing import Any
 
 import measured_files as files
 import numpy as np
 import numpy.typing as npt
 import pytest
+import scipy.spatial
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 import glossy
 from glossy import _memory
@@ -19,12 +23,21 @@ from glossy.measured.klems import read_klems_data, standard_bases
 from glossy.measured.merl import SCALE, SHAPE, evaluate_merl, read_merl_data
 from glossy.measured.rgl import evaluate_rgl, read_rgl_data
 from glossy.measured.solid_angle import solid_angles
+from glossy.measured.tensor import read_tensors
 from glossy.measured.warp import ALONE, FIRST, Warp, k_bilinear, k_invert, k_sample
 
 Array = npt.NDArray[np.float64]
 
 GRID_ROUNDOFF = 1e-9
 """float64 through square roots of differences of running sums."""
+
+MAKERS: dict[str, Callable[[pathlib.Path], object]] = {
+    ".brdf": files.write_cornell,
+    ".bsdf": files.write_rgl,
+    ".xml": files.write_klems,
+    ".txt": lambda path: path.write_text("# name: a\n" + "30 0 30 180 .5\n30 0 60 180 .2\n" * 50),
+}
+"""Small files of each kind but MERL's, whose files have one size."""
 
 TRILINEAR = 0.02
 """Bins of one degree (and of a hundredth near the mirror) on a lobe of m = 0.3: curvature."""
@@ -223,13 +236,13 @@ def test_cornell_counts_each_set_of_directions_once(
 ) -> None:
     """A query of the points is what takes the time."""
     asked = []
-    tree = solid_angle.cKDTree
+    tree: Any = scipy.spatial.cKDTree
 
     def counted(places: Any) -> Any:
         asked.append(len(places))
         return tree(places)
 
-    monkeypatch.setattr(solid_angle, "cKDTree", counted)
+    monkeypatch.setattr("glossy.measured.solid_angle.cKDTree", counted)
     path = tmp_path / "grid.brdf"
     grid = [f"{t} 0 {o} {p} .5" for t in (0.1, 0.5, 0.9) for o in (0.2, 0.7) for p in (0, 1, 4)]
     path.write_text("1 550\n" + "\n".join(grid))
@@ -248,12 +261,7 @@ def test_readers_ask_for_memory_before_they_take_it(
     tmp_path: pathlib.Path, suffix: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / f"large{suffix}"
-    {
-        ".brdf": files.write_cornell,
-        ".bsdf": files.write_rgl,
-        ".xml": files.write_klems,
-        ".txt": lambda p: p.write_text("30 0 30 180 .5\n" * 100),
-    }[suffix](path)
+    MAKERS[suffix](path)
     monkeypatch.setattr(_memory, "limit", lambda: 3000)
     refuse(path, "would take .* of memory, more than the limit")
 
@@ -522,3 +530,82 @@ def test_solid_angles_of_a_grid() -> None:
     np.testing.assert_allclose(weight[: len(wo)], weight[len(wo) :])
     rings = weight.reshape(2, 12, 6)
     np.testing.assert_allclose(rings, np.pi / 72, rtol=0.35)  # nearest points are not the rings
+
+
+# any file ---------------------------------------------------------------------------------------
+
+SAME_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+"""Each example writes its file anew."""
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1, 3]), st.booleans())
+@SAME_FOLDER
+def test_any_table_survives_its_text(
+    tmp_path: pathlib.Path, seed: int, channels: int, weighed: bool
+) -> None:
+    """Twelve digits of angles and of f |cos|."""
+    draw = np.random.default_rng(seed)
+    v = draw.normal(size=(2, 8, 3))
+    v[..., 2] += np.where(v[..., 2] < 0.0, -0.1, 0.1)
+    wi, wo = v / np.linalg.norm(v, axis=-1, keepdims=True)
+    f = draw.normal(size=(8, channels))
+    weight = draw.random(8) if weighed else None
+    table = glossy.MeasuredTable(wi, wo, f, weight, name="some name", isotropic=bool(seed % 2))
+    table.write(tmp_path / "t.txt")
+    found = glossy.read_measured(tmp_path / "t.txt")
+    np.testing.assert_allclose(found.wi, wi, atol=1e-11)
+    np.testing.assert_allclose(found.wo, wo, atol=1e-11)
+    np.testing.assert_allclose(found.f, f, rtol=1e-9, atol=1e-9)
+    assert (found.name, found.isotropic) == ("some name", table.isotropic)
+    assert (found.weight is None) == (weight is None)
+    if weight is not None and found.weight is not None:
+        np.testing.assert_allclose(found.weight, weight, rtol=1e-11)
+
+
+@given(st.integers(0, 2**32 - 1), st.lists(st.integers(0, 4), max_size=4), st.booleans())
+@SAME_FOLDER
+def test_tensors_of_any_shape(
+    tmp_path: pathlib.Path, seed: int, shape: list[int], whole: bool
+) -> None:
+    values = np.random.default_rng(seed).random(shape).astype(np.float32)
+    fields: dict[str, npt.NDArray[Any]] = {"a": values}
+    if whole:
+        fields["b"] = (255 * values).astype(np.uint8)
+    files.write_tensors(tmp_path / "t.bsdf", fields)
+    found = read_tensors(tmp_path / "t.bsdf")
+    assert set(found) == set(fields)
+    for name, value in fields.items():
+        np.testing.assert_array_equal(found[name], value)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([".brdf", ".bsdf", ".xml", ".txt"]))
+@SAME_FOLDER
+def test_a_damaged_file_is_read_or_refused_on_one_line(
+    tmp_path: pathlib.Path, seed: int, suffix: str
+) -> None:
+    """Bytes changed, cut out and repeated; words replaced by what numbers may not be."""
+    draw = np.random.default_rng(seed)
+    path = tmp_path / f"damaged{suffix}"
+    MAKERS[suffix](path)
+    data = bytearray(path.read_bytes())
+    for _ in range(draw.integers(1, 5)):
+        at, n = int(draw.integers(0, max(len(data), 1))), int(draw.integers(1, 30))
+        kind = draw.integers(0, 4)
+        if kind == 0:
+            data[at : at + 1] = draw.bytes(1)
+        elif kind == 1:
+            del data[at : at + n]
+        elif kind == 2:
+            data[at:at] = data[at : at + n]
+        else:
+            data[at : at + n] = [b"nan", b"1e999", b"-1", b"9" * 400][draw.integers(0, 4)]
+    path.write_bytes(data)
+    said = ""
+    try:
+        finite = bool(np.isfinite(glossy.read_measured(path).f).all())
+    except ValueError as error:
+        said, finite = str(error), True
+    assert finite
+    assert not said or said.startswith(str(path))
+    assert "\n" not in said
+    assert len(said) < 500 + len(str(path))

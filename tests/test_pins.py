@@ -34,7 +34,7 @@ def test_merl_bins_hold_their_centres() -> None:
         return np.stack([c * v[:, 0] + s * v[:, 2], v[:, 1], c * v[:, 2] - s * v[:, 0]], axis=1)
 
     wi, wo = turned(d), turned(d * np.array([-1.0, -1.0, 1.0]))
-    values = np.stack(np.indices(SHAPE)).astype(np.float64)
+    values = np.asarray(np.indices(SHAPE), dtype=np.float64)
     found = evaluate_merl(values, wi, wo)
     expected = np.stack(
         [90 * np.sqrt(theta_h / (np.pi / 2)), 90 * theta_d / (np.pi / 2), 180 * phi_d / np.pi]

@@ -15,6 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from glossy import _memory
+from glossy.scenes import topology
 from glossy.scenes.load import parse
 from glossy.scenes.mesh_files import read_mesh
 from glossy.scenes.soup import Soup, fan
@@ -287,6 +288,14 @@ def test_a_cavity_stays_and_a_part_beside_a_hollow_is_turned() -> None:
     rows = np.concatenate([triangles, triangles + 8, triangles[:, ::-1] + 16])
     with pytest.warns(UserWarning, match="12 of 36"):
         made(np.concatenate(parts), rows)
+
+
+def test_parts_beyond_the_count_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    points, triangles = files.box()
+    monkeypatch.setattr(topology, "TESTED", 5)
+    rows = np.concatenate([triangles, triangles[:, ::-1] + 8])
+    with pytest.warns(UserWarning, match="more parts within each other than are looked at"):
+        made(np.concatenate([4.0 * points, points + 1.0]), rows)
 
 
 def test_mixed_windings_are_told_and_have_no_outside() -> None:

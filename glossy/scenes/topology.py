@@ -72,7 +72,7 @@ def surface(soup: Soup, file: str) -> Surface:
         text = "triangles side by side are wound opposite ways; taken for open, smooth normals fail"
         warnings.warn(f"{file}: {text}", stacklevel=2)
     if closed:
-        turned = _inside_out(used, _parts(triangles))
+        turned = _inside_out(points[triangles], _parts(triangles), file)
         if turned.any():
             text = (
                 f"{int(turned.sum())} of {len(turned)} triangles are wound inside out, and turned"
@@ -134,7 +134,7 @@ def _edges(triangles: Int64Array) -> tuple[bool, bool]:
     return bool(np.all(way == 0.0)), bool(np.any((count == 2) & (way != 0.0)))
 
 
-def _inside_out(corners: Float64Array, part: Int64Array) -> BoolArray:
+def _inside_out(corners: Float64Array, part: Int64Array, file: str) -> BoolArray:
     """(T,) triangles of closed parts (T, 3, 3) that have to be turned."""
     count = int(part.max()) + 1
     order = np.argsort(part, kind="stable")
@@ -152,6 +152,8 @@ def _inside_out(corners: Float64Array, part: Int64Array) -> BoolArray:
         about[k] = False
         left -= sum(len(rows[j]) for j in np.flatnonzero(about)) + count
         if left < 0:
+            text = "has more parts within each other than are looked at; some may be inside out"
+            warnings.warn(f"{file}: {text}", stacklevel=3)
             break
         point = corners[rows[k][0], 0]
         if not any(_within(point, corners[rows[j]]) for j in np.flatnonzero(about)):
