@@ -29,6 +29,7 @@ _RESERVED = (
 _PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
 
 
+@checked
 def write_exr(
     path: Path,
     channels: Mapping[str, npt.ArrayLike],
@@ -200,7 +201,7 @@ def write_image(
     stops = _check.in_range("exposure", exposure, -1000.0, 1000.0)
     if suffix in (".exr", ".hdr") and stops != 0.0:
         raise _check.fail("exposure", "is an option of .png and .jpg", suffix)
-    if suffix != ".png" and bits != 8:
+    if suffix != ".png" and _check.count("bits", bits) != 8:
         raise _check.fail("bits", "is an option of .png", suffix)
     if suffix != ".exr" and half:
         raise _check.fail("half", "is an option of .exr", suffix)
@@ -226,7 +227,7 @@ def write_image(
 
 def encode_srgb(pixels: Plane, exposure: float = 0.0, bits: int = 8) -> Plane:
     """Linear values times 2^exposure as sRGB integers, the inverse of eq. (2), clipped."""
-    if bits not in (8, 16):
+    if _check.count("bits", bits) not in (8, 16):
         raise _check.fail("bits", "must be 8 or 16", bits)
     v = np.clip(np.asarray(pixels, dtype=np.float64) * 2.0**exposure, 0.0, 1.0)
     v = np.where(v <= 0.04045 / 12.92, v * 12.92, 1.055 * v ** (1.0 / 2.4) - 0.055)

@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check
+from ._arguments import checked
 from ._outliers import count_outliers, percentiles_of
 from ._sweep import Sums, sweep
 
@@ -173,6 +174,7 @@ def log_rms(
     return math.sqrt(s.total("log") / s.count)
 
 
+@checked
 def compare(
     a: npt.ArrayLike,
     b: npt.ArrayLike,

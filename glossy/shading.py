@@ -432,7 +432,8 @@ def shade(
     if over.any() and _is_finite(prepared, irradiance, irradiance_below):
         rule = f"must not make radiance beyond {np.finfo(dtype).max:.3g}{_check.first_place(over)}"
         got = f"{int(over.sum())} points that are"
-        raise _check.fail("prepared", f"{rule}; scale the map down", got)
+        name = "prepared" if irradiance is None else "prepared, irradiance"
+        raise _check.fail(name, f"{rule}; scale the map down", got)
     return out
 
 

@@ -11,7 +11,6 @@ import hashlib
 import os
 import pathlib
 import time
-import zipfile
 from collections.abc import Mapping
 from typing import Any
 
@@ -19,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _check, methods
+from .._npz import load_npz
 from .._output import write_npz
 from .._sources import sources_of
 from ..cubemap import CubeMap
@@ -50,9 +50,8 @@ def _store(path: pathlib.Path, arrays: dict[str, npt.NDArray[Any]]) -> None:
 def _load(path: pathlib.Path) -> dict[str, npt.NDArray[Any]] | None:
     """The arrays of a stored file, None if it is not there or damaged."""
     try:
-        with path.open("rb") as stream, np.load(stream) as data:
-            return {name: data[name] for name in data.files}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return load_npz(path)
+    except (OSError, ValueError):
         return None
 
 
