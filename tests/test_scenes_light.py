@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from picture_files import rgb_exr
 
 from glossy import CubeMap, Material, build_pyramid
 from glossy.camera import Camera
@@ -250,6 +251,10 @@ def test_an_environment_lights_an_open_floor(tmp_path: pathlib.Path) -> None:
     # rotated by -90 degrees about x the rectangle's upper row lies at -z
     hits = geometry_of(s).intersect([[-0.375, 1.0, -0.25], [0.375, 1.0, 0.25]], [0.0, -1.0, 0.0])
     np.testing.assert_allclose(lit.irradiance(hits), image[[0, 1], [0, 3]])
+    crop = rgb_exr(image, data=(0, 0, 3, 1), display=(0, 0, 3, 3))
+    (tmp_path / "map.exr").write_bytes(crop)
+    with pytest.raises(ValueError, match=r"map\.exr: stores only part of the picture"):
+        baked(s, white)
 
 
 def test_a_mesh_keeps_its_light_at_its_vertices(tmp_path: pathlib.Path) -> None:
