@@ -19,11 +19,10 @@ examples:
 
 A method is NAME, NAME/FOOTPRINT, NAME/VARIANT or NAME/FOOTPRINT/VARIANT:
   regular/paper|thesis|jacobian/paper|projected    footprint, normalisation
-  importance/paper|thesis|jacobian                 footprint
   thesis/paper|thesis|jacobian/4.23|4.24|4.25      footprint, estimator
-  lattice    auto/.05 (accepted error)    axis-taps    split-sum/mean    bent/hdrp
+  importance    lattice    axis-taps    split-sum/mean    bent/hdrp    auto/.05 (accepted error)
   pem/constant|distance|view/pem5:cos              footprint, filter
-  prefiltered/single|flat|multi                    mode
+  prefiltered/single|flat|multi                    lobes of a pixel
 
 --resume keeps what DIR holds and measures what is missing. What the command does not say is as the
 study was started; --methods, --samples and --material are added to what is there. Anything that
