@@ -27,6 +27,7 @@ Bytes = npt.NDArray[np.uint8]
 MOST_HEADER = 1 << 20  # bytes
 FORMAT = "32-bit_rle_rgbe"
 RUNS = range(8, 32768)  # widths that the newer coding has
+HEADER = re.compile(rb"(?:(?:#|\w+[ \t]*=)[^\n]*\n)*FORMAT[ \t]*=[ \t]*32-bit_rle_")
 RESOLUTION = re.compile(rb"([+-])([XY])[ \t]+(\d{1,9})[ \t]+([+-])([XY])[ \t]+(\d{1,9})[ \t\r]*\Z")
 UNITS = np.ldexp(np.float32(1.0), np.arange(256) - 136)
 UNITS[0] = 0.0
@@ -62,7 +63,7 @@ class Header:
 
 def is_radiance(first: bytes) -> bool:
     """True for bytes that start as a picture, with its magic number or only a header like one."""
-    return first.startswith(b"#?") or b"FORMAT=32-bit_rle_" in first.replace(b" ", b"")
+    return first.startswith(b"#?") or HEADER.match(first) is not None
 
 
 def _numbers(key: str, text: str, count: int) -> list[float]:

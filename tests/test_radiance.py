@@ -96,6 +96,13 @@ def test_headers_of_other_writers(
     np.testing.assert_array_equal(image.read_image(file).pixels, rgbe_values(quads))
 
 
+def test_other_files_that_name_the_format_are_not_taken_for_it(tmp_path: pathlib.Path) -> None:
+    data = b"P5 #\nFORMAT\n2 1\n255\nFORMAT=32-bit_rle_rgbe\n"
+    (tmp_path / "a.pgm").write_bytes(data)
+    pixels = image.read_image(tmp_path / "a.pgm", "linear").pixels
+    np.testing.assert_allclose(pixels[0, :, 0] * 255, list(b"FO"), rtol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("data", "said"),
     [
