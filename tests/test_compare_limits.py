@@ -15,6 +15,7 @@ from glossy import cli, image, image_write
 
 Array = np.ndarray[Any, Any]
 Captured = pytest.CaptureFixture[str]
+pytestmark = pytest.mark.filterwarnings("always")  # as on the command line
 RNG = np.random.default_rng(5)
 B = RNG.random((20, 30, 3)).astype(np.float32)
 A = (B + 0.01 * RNG.standard_normal(B.shape)).astype(np.float32)
@@ -156,7 +157,7 @@ def test_headers_that_differ_are_not_identical(
     said = capsys.readouterr()
     assert f"differ in     {words}" in said.out
     assert "identical" not in said.out
-    assert f"glossy compare: warning: c.exr: differ in {words}" in said.err
+    assert f"glossy: warning: c.exr: differ in {words}" in said.err
     out = figures(capsys, "c.exr", "b.exr")
     assert (out["identical"], out["within_limits"], out["rms"]) == (False, True, 0.0)
     assert words in out["unlike"][0]
@@ -177,6 +178,22 @@ def test_defaults_of_a_header_are_what_they_stand_for(capsys: Captured) -> None:
     out = figures(capsys, "moved.exr", "b.hdr")
     assert not out["identical"]
     assert ["data window" in text for text in out["unlike"]] == [True, False]
+
+
+def test_headers_of_radiance_files_count(capsys: Captured, folder: pathlib.Path) -> None:
+    image.write_image("b.hdr", B)
+    plain = (folder / "b.hdr").read_bytes()
+    for line in (b"PRIMARIES= .708 .292 .17 .797 .131 .046 .3127 .329", b"GAMMA= 2.2"):
+        (folder / "c.hdr").write_bytes(plain.replace(b"\nFORMAT", b"\n" + line + b"\nFORMAT", 1))
+        out = figures(capsys, "c.hdr", "b.hdr")
+        assert (out["identical"], out["rms"]) == (False, 0.0)
+        assert line.split(b"=")[0].decode() in out["unlike"][0]
+        assert figures(capsys, "c.hdr", "c.hdr")["identical"]
+
+
+def test_quiet_prints_no_warning(capsys: Captured) -> None:
+    assert compare("a.exr", "b.exr", "--warn-rms", "0", "--quiet") == 0
+    assert capsys.readouterr().err == ""
 
 
 # limits -------------------------------------------------------------------------------------------
@@ -203,7 +220,7 @@ def test_levels_that_fail_and_that_warn(capsys: Captured, figure: str) -> None:
     both = (f"--max-{figure}", repr(2 * value), f"--warn-{figure}", repr(value / 2))
     assert compare("a.exr", "b.exr", *both) == 0
     err = capsys.readouterr().err
-    assert err.startswith("glossy compare: warning: a.exr: ")
+    assert err.startswith("glossy: warning: a.exr: ")
     assert f"is above --warn-{figure}" in err
 
 

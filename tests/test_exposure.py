@@ -12,6 +12,7 @@ import glossy
 from glossy import cli, exposure, image, scene
 from glossy.commands import compare
 
+pytestmark = pytest.mark.filterwarnings("always")  # as on the command line
 SMALL = ("--size", "32", "--width", "16", "--height", "16")
 
 

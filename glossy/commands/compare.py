@@ -6,6 +6,7 @@ import dataclasses
 import json
 import os
 import sys
+import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -131,9 +132,10 @@ def run(args: argparse.Namespace) -> int:
     else:
         compare_print.print_figures(results[0])
     for result in results:
+        for text in result.warnings:
+            warnings.warn(f"{result.paths[0]}: {text}", stacklevel=1)
         a = compare_print.shown(result.paths[0])
-        lines = [f"warning: {a}: {text}" for text in result.warnings]
-        lines += [f"{a}: {text}" for text in result.failures]
+        lines = [f"{a}: {text}" for text in result.failures]
         lines += [compare_print.shown(result.error)] if result.error else []
         for line in lines:
             print(f"glossy compare: {line}", file=sys.stderr)
@@ -201,8 +203,8 @@ def _folders(args: argparse.Namespace) -> "list[Result]":
             try:
                 results.append(compare_files(args, paths, pair.name, picture(pair.name)))
                 continue
-            except (ValueError, OSError) as unusable:
-                error = " ".join(str(unusable).split())
+            except (ValueError, OSError, OverflowError, MemoryError) as unusable:
+                error = " ".join(str(unusable).split()) or type(unusable).__name__
         results.append(Result(pair.name, paths, error=error))
     _progress(len(found), len(found))
 

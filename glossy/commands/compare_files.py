@@ -121,6 +121,8 @@ def _unlike(a: "Planes", b: "Planes") -> tuple[str, ...]:
 
     A file without windows shows all its pixels, from (0, 0) on.
     """
+    from ..image import unapplied
+
     found = []
     windows = [_windows(p) for p in (a, b)]
     _check_data_windows(a, b)
@@ -135,6 +137,9 @@ def _unlike(a: "Planes", b: "Planes") -> tuple[str, ...]:
         ):
             texts = [" ".join(f"{x:.6g}" for x in v) for v in values]
             found.append(f"{key}, {texts[0]} and {texts[1]}")
+    said = [[t for t in unapplied(p.metadata) if not t.startswith("chroma")] for p in (a, b)]
+    if said[0] != said[1]:  # of Radiance files
+        found.append("header, " + " and ".join(", ".join(t) or "nothing said" for t in said))
     return (*found, *_unlike_exposure(a, b))
 
 
@@ -174,7 +179,10 @@ def _check_data_windows(a: "Planes", b: "Planes") -> None:
 def _numbers(value: Any) -> list[float]:
     import numpy as np
 
-    return [float(x) for x in np.concatenate([np.ravel(v) for v in np.atleast_1d(value)])]
+    try:
+        return [float(x) for x in np.concatenate([np.ravel(v) for v in np.atleast_1d(value)])]
+    except (TypeError, ValueError):  # not what it should be: unlike any that is
+        return []
 
 
 def _corners(window: list[int]) -> str:

@@ -39,7 +39,7 @@ def pairs(a: str, reference: str, ignored: Sequence[str] = ()) -> list[Pair]:
     found = []
     for folder in (a, reference):
         here = {}
-        for name, trouble in _walk(folder, "", (), ignored):
+        for name, trouble in _walk(folder, ignored):
             here[name] = trouble
             if len(here) > MOST_FILES:
                 raise ValueError(f"{folder}: holds more than {MOST_FILES} files")
@@ -84,34 +84,35 @@ def _plain(name: str) -> str:
     return stem + suffix.lower()
 
 
-def _walk(
-    folder: str, under: str, above: tuple[str, ...], ignored: Sequence[str]
-) -> Iterator[tuple[str, str]]:
-    # relative paths below ``under``, and what is wrong with each
-    place = os.path.join(folder, under)
-    real = os.path.realpath(place)
-    if real in above:
-        yield under, "is a link to a folder that it lies in"
-        return
-    try:
-        with os.scandir(place) as entries:
-            listed = sorted(entries, key=lambda e: e.name)
-    except OSError as error:
-        if not under:
-            raise
-        yield under, (error.strerror or "cannot be listed").lower()
-        return
-    for entry in listed:
-        name = f"{under}/{entry.name}" if under else entry.name
-        if entry.name.startswith(".") or entry.name.lower() in DROPPINGS:
+def _walk(folder: str, ignored: Sequence[str]) -> Iterator[tuple[str, str]]:
+    # relative paths below a folder, and what is wrong with each
+    todo: list[tuple[str, tuple[str, ...]]] = [("", ())]
+    while todo:
+        under, above = todo.pop()
+        place = os.path.join(folder, under)
+        real = os.path.realpath(place)
+        if real in above:
+            yield under, "is a link to a folder that it lies in"
             continue
-        if any(fnmatch.fnmatchcase(text, p) for p in ignored for text in (name, entry.name)):
+        try:
+            with os.scandir(place) as entries:
+                listed = sorted(entries, key=lambda e: e.name)
+        except OSError as error:
+            if not under:
+                raise
+            yield under, (error.strerror or "cannot be listed").lower()
             continue
-        if os.path.isdir(entry.path):
-            yield from _walk(folder, name, (*above, real), ignored)
-        elif entry.is_symlink() and not os.path.exists(entry.path):
-            yield name, "is a link to nothing"
-        elif os.path.splitext(entry.name)[1].lower() not in SUFFIXES:
-            yield name, "has a suffix that is not read as an image (--ignore leaves it out)"
-        else:
-            yield name, ""
+        for entry in listed:
+            name = f"{under}/{entry.name}" if under else entry.name
+            if entry.name.startswith(".") or entry.name.lower() in DROPPINGS:
+                continue
+            if any(fnmatch.fnmatchcase(text, p) for p in ignored for text in (name, entry.name)):
+                continue
+            if os.path.isdir(entry.path):
+                todo.append((name, (*above, real)))
+            elif entry.is_symlink() and not os.path.exists(entry.path):
+                yield name, "is a link to nothing"
+            elif os.path.splitext(entry.name)[1].lower() not in SUFFIXES:
+                yield name, "has a suffix that is not read as an image (--ignore leaves it out)"
+            else:
+                yield name, ""
