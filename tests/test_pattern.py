@@ -7,7 +7,6 @@ import math
 import re
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -180,11 +179,22 @@ def test_budget_searches_end_near_the_budget(m: Pair, budget: int, xi0: float) -
     assert np.isfinite([p.cell, p.pdf_constant, p.projected_pdf_constant]).all()
 
 
-def test_a_large_budget_is_found_quickly() -> None:
-    """Seconds, not minutes: patterns that cannot come nearest are never generated."""
-    start = time.perf_counter()
+def test_patterns_that_cannot_come_nearest_are_never_generated(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of twice 141 numbers of circles, none of those that have more samples than the nearest."""
+    made: list[int] = []
+    real = pattern._half_vectors
+
+    def counted(*args: Any) -> Any:
+        found = real(*args)
+        made.append(len(found))
+        return found
+
+    monkeypatch.setattr(pattern, "_half_vectors", counted)
     pattern._search(0.2, 0.07, 10_000, 0.123)
-    assert time.perf_counter() - start < 5.0
+    assert len(made) <= 141
+    assert max(made) <= 10_100
 
 
 @given(LOBES, st.integers(1, 6), st.sampled_from(SPACINGS))
@@ -394,7 +404,7 @@ def test_patterns_need_no_compiler() -> None:
         "import sys, glossy; p = glossy.regular_pattern((0.2, 0.1)); p.export('glsl');"
         "assert 'numba' not in sys.modules"
     )
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_the_bounds_of_roughness_are_the_lobes() -> None:
