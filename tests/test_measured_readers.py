@@ -253,7 +253,7 @@ def test_cornell_counts_each_set_of_directions_once(
     monkeypatch.setattr(solid_angle, "MOST_SETS", 2)
     rows = [f"{t} 0 {t} 1 .5" for t in (0.1, 0.5, 0.9)]
     path.write_text("1 550\n" + "\n".join(rows))
-    refuse(path, "at most 2 sets of outgoing directions, got '3 incident")
+    refuse(path, "at most 2 different sets of outgoing directions, got '3 incident")
 
 
 @pytest.mark.parametrize("suffix", [".brdf", ".bsdf", ".xml", ".txt"])

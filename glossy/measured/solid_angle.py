@@ -16,7 +16,7 @@ from .table import MeasuredTable
 Float64Array = npt.NDArray[np.float64]
 
 POINTS = 40_000  # of a hemisphere; each counts 1.6e-4 sr
-MOST_SETS = 4096  # of places that are counted, some 9 ms each
+MOST_SETS = 1024  # of places that are counted, some 9 ms each
 ONE_SIDE = 1e-4  # distance from the plane of incidence that is none
 GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 
@@ -40,8 +40,8 @@ def solid_angles(table: MeasuredTable) -> Float64Array:
         If the incident directions have more than ``MOST_SETS`` different sets of outgoing ones.
     """
     weight = np.zeros(len(table))
-    even = even_hemisphere(POINTS)
-    counted: dict[bytes, Float64Array] = {}
+    sets: dict[bytes, tuple[float, Float64Array, Float64Array]] = {}
+    shared = []
     lights, members = table.incident_directions()
     for light, rows in zip(lights, members, strict=True):
         for side in (1.0, -1.0):
@@ -49,20 +49,28 @@ def solid_angles(table: MeasuredTable) -> Float64Array:
             if not len(own):
                 continue
             places, label = np.unique(np.round(table.wo[own], 6), axis=0, return_inverse=True)
-            label = label.reshape(-1)
             wall = _wall(places, light) if table.isotropic else np.zeros(3)
-            key = places.tobytes() + wall.tobytes()
-            if key not in counted:
-                if len(counted) >= MOST_SETS:
-                    rule = f"must have at most {MOST_SETS} sets of outgoing directions"
-                    raise _check.fail("table", rule, f"{len(lights)} incident directions")
-                points = even * np.array([1.0, 1.0, side])
-                points -= 2.0 * np.minimum(points @ wall, 0.0)[:, None] * wall
-                nearest = cKDTree(places).query(points)[1]
-                share = np.bincount(nearest, minlength=len(places)) * (2.0 * np.pi / POINTS)
-                counted[key] = np.asarray(share, dtype=np.float64)
-            weight[own] = (counted[key] / np.bincount(label))[label]
+            key = places.tobytes() + wall.tobytes() + bytes([side > 0.0])
+            sets.setdefault(key, (side, places, wall))
+            shared.append((own, label.reshape(-1), key))
+    if len(sets) > MOST_SETS:
+        rule = f"must have at most {MOST_SETS} different sets of outgoing directions"
+        raise _check.fail("table", rule, f"{len(lights)} incident directions")
+    even = even_hemisphere(POINTS)
+    area = {key: _shares(even, *found) for key, found in sets.items()}
+    for own, label, key in shared:
+        weight[own] = (area[key] / np.bincount(label))[label]
     return weight
+
+
+def _shares(
+    even: Float64Array, side: float, places: Float64Array, wall: Float64Array
+) -> Float64Array:
+    """Solid angle (n,) nearest to each of the places (n, 3) of one hemisphere."""
+    points = even * np.array([1.0, 1.0, side])
+    points -= 2.0 * np.minimum(points @ wall, 0.0)[:, None] * wall
+    nearest = cKDTree(places).query(points)[1]
+    return np.asarray(np.bincount(nearest, minlength=len(places)) * (2.0 * np.pi / POINTS))
 
 
 def _wall(places: Float64Array, light: Float64Array) -> Float64Array:
