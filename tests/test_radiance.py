@@ -97,7 +97,7 @@ def test_headers_of_other_writers(
 
 
 def test_other_files_that_name_the_format_are_not_taken_for_it(tmp_path: pathlib.Path) -> None:
-    data = b"P5 #\nFORMAT\n2 1\n255\nFORMAT=32-bit_rle_rgbe\n"
+    data = b"P5\n# FORMAT=32-bit_rle_rgbe\n2 1\n255\nFO"
     (tmp_path / "a.pgm").write_bytes(data)
     pixels = image.read_image(tmp_path / "a.pgm", "linear").pixels
     np.testing.assert_allclose(pixels[0, :, 0] * 255, list(b"FO"), rtol=1e-6)
