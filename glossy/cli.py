@@ -43,6 +43,13 @@ LONGEST = 1000  # characters of a message
 NEGATIVE = re.compile(r"-\.?\d")
 
 
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong on one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(BAD_INPUT, f"{self.prog}: {_line(message)}; see {self.prog} --help\n")
+
+
 class _Version(argparse.Action):
     """``--version``, as JSON if ``--json`` stands anywhere."""
 
@@ -55,7 +62,7 @@ class _Version(argparse.Action):
 
 def build_parser() -> argparse.ArgumentParser:
     """The parser with every command of ``COMMANDS``."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="glossy",
         description="Real-time glossy rendering from environment maps, emulated on the CPU, "
         "with the ground truth beside it.",

@@ -67,9 +67,27 @@ class Tap:
     contribution: Vector
 
 
-@dataclasses.dataclass(frozen=True)
-class Trace:
-    """All samples of one pixel, and the pixel.
+class Printed:
+    """Prints as a table, and stands in a list or a debugger as one short line."""
+
+    method: str
+    radiance: Vector
+
+    def format_table(self) -> str:
+        """The samples as text."""
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        return self.format_table()
+
+    def __repr__(self) -> str:
+        pixel = " ".join(f"{v:.7g}" for v in self.radiance)
+        return f"<{type(self).__name__} of {self.method}: radiance {pixel}>"
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Trace(Printed):
+    """All samples of one pixel, and the pixel; ``print`` shows ``format_table``.
 
     ``radiance`` is the glossy radiance as ``shade`` returns it; ``tap_sum`` the sum of the
     contributions. ``normaliser``: what the sum of each lobe is divided by, n or, for ``thesis``,

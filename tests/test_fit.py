@@ -9,6 +9,7 @@ import pytest
 import tolerances
 
 import glossy
+from glossy.energy import energy
 from glossy.measured import fit_grid, fit_metrics, fit_polish, fit_rows, fit_space
 from glossy.measured.fit import Fit, fit_table
 from glossy.measured.synthetic import synthetic_table
@@ -231,6 +232,75 @@ def test_time_limit_gives_the_best_so_far(table: MeasuredTable) -> None:
     assert np.isfinite(fit.error)
 
 
+BRIGHT = glossy.Material(0.05, [glossy.Lobe(0.3, ks=0.9, r0=0.6, alpha=0.9)])
+"""Sends out more than it receives from 65 degrees."""
+
+
+def below(limit: float) -> npt.NDArray[np.float64]:
+    """Angles to a limit that the bound is not told of, but for the limit."""
+    return np.append(np.arange(0.0, limit, 0.7), limit)
+
+
+@pytest.fixture(scope="module")
+def bright() -> MeasuredTable:
+    return synthetic_table(BRIGHT, theta=(10.0, 60.0), phi=(0.0,), isotropic=True, rows=16)
+
+
+def test_a_fit_says_how_much_more_it_sends_out_than_it_receives(bright: MeasuredTable) -> None:
+    fit = fit_table(bright, **FAST)  # type: ignore[arg-type]
+    assert fit.material is not None
+    assert fit.energy is not None
+    expected = energy(fit.material)
+    assert fit.energy["largest"] == expected.largest > 1.5
+    assert fit.energy["worst"] == expected.worst
+    assert fit.energy["exceeds_from"] == expected.exceeds_from
+    assert fit.energy["limit"] is None
+    assert fit.to_dict()["energy"] == fit.energy
+
+
+@pytest.mark.parametrize(("limit", "polish"), [(89.9, "local"), (70.0, "local"), (80.0, "none")])
+def test_a_bounded_fit_sends_out_no_more_than_it_receives(
+    limit: float, polish: str, bright: MeasuredTable
+) -> None:
+    options = {**FAST, "polish": polish}
+    free = fit_table(bright, **options)  # type: ignore[arg-type]
+    fit = fit_table(bright, energy_limit=limit, **options)  # type: ignore[arg-type]
+    assert free.material is not None
+    assert fit.material is not None
+    assert energy(free.material, below(limit)).largest > 1.05
+    assert energy(fit.material, below(limit)).largest <= 1.0
+    assert fit.energy is not None
+    assert fit.energy["limit"] == limit
+    if polish == "local":  # what is left of the room is small
+        assert energy(fit.material, below(limit)).largest > 0.9
+    # better than the same lobe dimmed for the sake of its grazing end
+    scale = 0.9 / energy(free.material, [limit]).largest
+    lobe = free.material.reflection[0]
+    dimmed = glossy.Material(
+        free.material.kd, [dataclasses.replace(lobe, ks=float(np.asarray(lobe.ks)) * scale)]
+    )
+    model = np.asarray(dimmed.eval(bright.wo, bright.wi), dtype=np.float64)
+    assert fit.error <= naive_metric(bright, model, "l1")
+
+
+def test_a_fit_within_its_energy_is_left_alone(table: MeasuredTable) -> None:
+    free, held = (fit_table(table, energy_limit=x, **FAST) for x in (None, 20.0))  # type: ignore[arg-type]
+    assert np.array_equal(free.parameters["reflection"], held.parameters["reflection"])
+    assert held.error == free.error
+
+
+def test_colours_are_bounded_one_by_one() -> None:
+    colours = glossy.Material(
+        (0.0, 0.3, 0.0), [glossy.Lobe(0.3, ks=(0.9, 0.9, 0.2), r0=0.6, alpha=0.9)]
+    )
+    rows = synthetic_table(colours, theta=(10.0, 60.0), phi=(0.0,), isotropic=True, rows=16)
+    fit = fit_table(rows, energy_limit=85.0, polish="none", **FAST)  # type: ignore[arg-type]
+    assert fit.material is not None
+    sent = energy(fit.material, [85.0]).reflectivity.max(axis=(0, 1))
+    assert sent[:2] == pytest.approx(1.0, abs=1e-4)
+    assert sent[2] < 0.9
+
+
 def plain_baseline(model: str, wi: npt.NDArray[np.float64], wo: npt.NDArray[np.float64]) -> float:
     """The baselines as their papers print them, with trigonometry; mx .3, my .2, ks .5, r0 .4."""
     mx, my, ks, r0 = 0.3, 0.2, 0.5, 0.4
@@ -288,6 +358,12 @@ REFUSALS = [
     ({"time_limit": 0.0}, "time_limit: must be in"),
     ({"light": "below"}, "the table has no light from below"),
     ({"spacing": "cubic"}, "spacing: must be one of"),
+    ({"energy_limit": 90.0}, r"energy_limit: must be in \[0, 90\)"),
+    ({"energy_limit": 80.0, "model": "ggx", "polish": "none"}, "energy_limit: is for model 'kurt'"),
+    (
+        {"energy_limit": 89.9, "fixed": {"ks": 0.9, "alpha": 1.0}, "polish": "none"},
+        "cannot be held",
+    ),
 ]
 
 

@@ -101,6 +101,9 @@ def test_the_command_writes_a_material_that_renders(
     arguments = ["fit", str(source), "-o", str(out), "--report", str(report), "--compare", "ward"]
     assert cli.main([*arguments, *QUICK, "--json"]) == 0
     record = json.loads(capsys.readouterr().out)
+    assert list(record["provenance"]["inputs"]) == [str(source)]
+    said = f"largest directional albedo {record['fit']['energy']['largest']:.4g} at "
+    assert said in out.read_text().splitlines()[0]
     assert record["schema"] == 1
     assert record["fit"]["error"] < 1e-6
     assert record["others"][0]["model"] == "ward"
@@ -109,6 +112,7 @@ def test_the_command_writes_a_material_that_renders(
     assert found.transmission[0].ks == pytest.approx(0.6, abs=1e-3)
     assert json.loads((report / "fit.json").read_text())["fit"]["error"] == record["fit"]["error"]
     text = (report / "report.md").read_text()
+    assert said in text
     assert "| reflection | 30.0° | 2 |" in text
     assert "| ward |" in text
     for name in ("plane.png", "discs.png", "angles.png"):
@@ -201,3 +205,23 @@ def test_a_real_paint_is_met_to_a_few_percent_of_its_level(real_data: pathlib.Pa
     assert kd[0] > 5.0 * kd[1:].max()
     for line in angle_lines(paint, found)[:6]:
         assert line.fitted == pytest.approx(line.measured, rel=0.06)
+
+
+def test_the_command_says_what_sends_out_too_much_and_bounds_it(
+    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bright = glossy.Material(0.05, [glossy.Lobe(0.3, ks=0.9, r0=0.6, alpha=0.9)])
+    source = tmp_path / "t.txt"
+    synthetic_table(bright, theta=(10.0, 60.0), phi=(0.0,), isotropic=True, rows=16).write(source)
+    assert cli.main(["fit", str(source), *QUICK]) == 0
+    said = capsys.readouterr().out
+    assert ": sends out more than it receives from 6" in said
+    assert "--bound-energy keeps it at or below 1" in said
+    held = tmp_path / "m.toml"
+    bound = ["--bound-energy", "--bound-to", "85", "-o", str(held)]
+    assert cli.main(["fit", str(source), *QUICK, *bound]) == 0
+    said = capsys.readouterr().out
+    assert "held at or below 1 to 85 degrees" in said
+    assert "--bound-energy" not in said
+    assert "held at or below 1 to 85 degrees" in held.read_text()
+    assert glossy.energy(parse_material(held), [85.0]).largest <= 1.0

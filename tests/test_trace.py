@@ -55,6 +55,16 @@ def test_dropped_samples_are_listed() -> None:
     assert "below the horizon" in trace.format_table()
 
 
+@pytest.mark.parametrize("method", ["regular", "thesis", "lattice", "auto"])
+def test_a_trace_prints_as_its_table(method: str) -> None:
+    pyramid = glossy.build_pyramid(bright_cube(16))
+    options = {"max_error": 0.3} if method == "auto" else {"samples": 7}
+    trace = glossy.trace(random_points(1), LOBES["iso"], pyramid, method, **options)
+    assert str(trace) == trace.format_table()
+    pixel = " ".join(f"{v:.7g}" for v in trace.radiance)
+    assert repr(trace) == f"<{type(trace).__name__} of {method}: radiance {pixel}>"
+
+
 def test_trace_becomes_json() -> None:
     pyramid = glossy.build_pyramid(bright_cube(16))
     trace = glossy.trace(random_points(1), LOBES["iso"], pyramid, samples=7)

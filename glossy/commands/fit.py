@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from . import options
 from .inputs import protect
+from .provenance import provenance
 
 if TYPE_CHECKING:
     from ..measured.table import MeasuredTable
@@ -170,7 +171,8 @@ def run(args: argparse.Namespace) -> int:
         write_text(folder / "report.md", report_text(table, fit, lines, baselines))
         write_text(folder / "fit.json", json.dumps({"schema": 1, **record}, indent=2) + "\n")
     if args.json:
-        options.report(args, "fit", {"material": args.output, "report": args.report, **record})
+        made = {"material": args.output, "report": args.report, **record}
+        options.report(args, "fit", made, provenance(args))
         return 0
     print(parameter_table(fit))
     if args.output is None:

@@ -7,7 +7,7 @@ import pathlib
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-NAMES = ("scene", "env", "material", "gbuffer", "input", "table")
+NAMES = ("scene", "env", "material", "gbuffer", "input", "table", "exposure")
 """Arguments that may name a file."""
 
 
@@ -18,6 +18,16 @@ def add_force_argument(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def typed(args: argparse.Namespace, name: str) -> str | None:
+    """The one text that an argument of ``NAMES`` has; None if it has none or several."""
+    value = getattr(args, name, None)
+    if isinstance(value, list) and len(value) == 1:
+        value = value[0]
+    if isinstance(value, str) and name == "exposure":
+        return value.removeprefix("like:") if value.startswith("like:") else None
+    return value if isinstance(value, str) else None
+
+
 def input_files(args: argparse.Namespace) -> dict[str, pathlib.Path]:
     """The files that the arguments name, and those that a scene file among them names.
 
@@ -26,8 +36,8 @@ def input_files(args: argparse.Namespace) -> dict[str, pathlib.Path]:
     """
     found: dict[str, pathlib.Path] = {}
     for name in NAMES:
-        value = getattr(args, name, None)
-        if not isinstance(value, str):
+        value = typed(args, name)
+        if value is None:
             continue
         found |= _files(value, pathlib.Path())
         if name == "scene":

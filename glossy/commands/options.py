@@ -25,11 +25,18 @@ METHOD_OPTIONS = (
 )  # fmt: skip
 
 
-def add_scene_arguments(parser: argparse.ArgumentParser, gbuffer: bool = True) -> None:
-    """SCENE, --env, --material, picture size and what is in it."""
+def add_scene_arguments(
+    parser: argparse.ArgumentParser, gbuffer: bool = True, objects: bool = False
+) -> None:
+    """SCENE (of one shape or ``objects``), --env, --material, picture size and what is in it."""
     group = parser.add_argument_group("scene")
     group.add_argument(
-        "scene", nargs="?", metavar="SCENE", help="scene file (TOML), room, showroom or hall"
+        "scene",
+        nargs="?",
+        metavar="SCENE",
+        help="scene file (TOML), room, showroom or hall"
+        if objects
+        else "scene file (TOML) of one shape, without [[objects]]",
     )
     group.add_argument(
         "--env",

@@ -35,7 +35,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    options.add_scene_arguments(parser)
+    options.add_scene_arguments(parser, objects=True)
     options.add_object_arguments(parser)
     options.add_background_argument(parser)
     options.add_method_arguments(parser)

@@ -15,7 +15,7 @@ import tempfile
 from collections.abc import Iterator
 from typing import Any, TextIO, cast
 
-from .inputs import NAMES
+from .inputs import NAMES, typed
 from .standard_input import spooled
 
 DEFAULTS = {"render": "exr", "reference": "exr", "environment": "exr", "fit": "toml"}
@@ -102,7 +102,7 @@ def _nowhere() -> TextIO:
 
 
 def _read(args: argparse.Namespace, names: dict[str, str], stack: contextlib.ExitStack) -> None:
-    piped = [name for name in NAMES if getattr(args, name, None) == "-"]
+    piped = [name for name in NAMES if typed(args, name) == "-"]
     if piped and args.command == "study":
         raise ValueError(f"{piped[0]}: a study reads its files again when it is resumed, so not -")
     if len(piped) > 1:
@@ -113,7 +113,8 @@ def _read(args: argparse.Namespace, names: dict[str, str], stack: contextlib.Exi
         path = pathlib.Path(folder, f"input{_suffix(spool, name)}")
         os.link(spool, path)
         names[str(path)] = "-"
-        setattr(args, name, str(path))
+        whole = getattr(args, name)
+        setattr(args, name, [str(path)] if isinstance(whole, list) else whole[:-1] + str(path))
         if name == "scene":
             args.scene_folder = "."
     if piped:

@@ -4,6 +4,7 @@ import argparse
 import json
 
 from . import options
+from .provenance import provenance
 
 EXAMPLE = """\
 examples:
@@ -17,8 +18,11 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser = subparsers.add_parser(
         "trace",
         help="list every tap of one pixel",
-        description="Print what a real-time method does for one pixel: its frame, then for each "
-        "tap half vector, light direction, footprint, level, radiance, BRDF, density and weight.",
+        description="Print what a real-time method does for one pixel of a sphere, a plane or a "
+        "G-buffer: its frame, then for each tap half vector, light direction, footprint, level, "
+        "radiance, BRDF, density and weight. Takes what render takes for one shape, and the "
+        "methods that have taps to list: regular, importance, thesis, lattice, and auto, which "
+        "lists those it chose. The diffuse part is left out.",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -50,7 +54,8 @@ def run(args: argparse.Namespace) -> int:
     pixel = parse_pixel(args.pixel)
     traced = trace_pixel(options.scene_from(args), *pixel)
     if args.json:
-        print(json.dumps({"schema": 1, "command": "trace", **traced.to_dict()}, indent=2))
+        found = {"command": "trace", **traced.to_dict(), "provenance": provenance(args)}
+        print(json.dumps({"schema": 1, **found}, indent=2))
     else:
         print(traced.format())
     return 0

@@ -18,7 +18,7 @@ from ..frames import SurfacePoints
 from ..pyramid import Pyramid
 from ..sampler import k_trilinear_rgb
 from ..shading import k_frame
-from ..trace import Vector, to_vector, vector_text
+from ..trace import Printed, Vector, to_vector, vector_text
 from .shade import lattice_table
 from .tap import k_gauss_level, k_lattice_pixel, k_lattice_tap, k_reflected
 
@@ -52,8 +52,8 @@ class LatticeTap:
     contribution: Vector
 
 
-@dataclasses.dataclass(frozen=True)
-class LatticeTrace:
+@dataclasses.dataclass(frozen=True, repr=False)
+class LatticeTrace(Printed):
     """All taps of one pixel, and the pixel; fields as in ``glossy.trace.Trace``.
 
     ``normaliser``: sum w F of each lobe; ``reflectivity``: its ks R.

@@ -12,14 +12,14 @@ import numpy as np
 from ..brdf import Material
 from ..frames import SurfacePoints
 from ..pyramid import Pyramid
-from ..trace import Vector, to_vector, trace, vector_text
+from ..trace import Printed, Vector, to_vector, trace, vector_text
 from .auto import auto, planned
 from .plan import Plan, groups
 from .probe import candidate_options
 
 
-@dataclasses.dataclass(frozen=True)
-class PlanTrace:
+@dataclasses.dataclass(frozen=True, repr=False)
+class PlanTrace(Printed):
     """A plan and the traces of its parts; the other fields as in ``glossy.trace.Trace``.
 
     ``lobes``: for each part, which lobes of the material it holds, in the trace's order.
