@@ -82,12 +82,12 @@ class Stand:
 
     def __init__(self, name: str, cube: Any, material: Any) -> None:
         from glossy import methods
+        from glossy._threads import using
         from glossy.study import preparation
-        from glossy.study.measure import one_thread
 
         self.name, self.contender, self.cube, self.material = name, CONTENDERS[name], cube, material
         self.bound = methods.bound_to_material(self.contender.method)
-        with one_thread():
+        with using(1):
             self.prepared, self.seconds = preparation.spent(lambda: self.prepare(material))
 
     def prepare(self, material: Any) -> Any:
@@ -135,12 +135,12 @@ def stands(cube: Any, material: Any) -> list[Stand]:
 def judge(env: str, text: str, field: list[Stand], side: int, rounds: int) -> list[dict[str, Any]]:
     """A row for each method, for one environment and lobe."""
     import glossy
-    from glossy.study.measure import one_thread
+    from glossy._threads import using
 
     points, cube, material = picture(side), field[0].cube, field[0].material
     truth = glossy.reference(points, material, cube, tolerance=TOLERANCE, diffuse=False)
     level = float(np.sqrt(np.mean(np.square(truth.radiance))))
-    with one_thread():
+    with using(1):
         turns = {s.name: functools.partial(s.shade, picture(TIMED * side)) for s in field}
         times = common.interleaved(turns, rounds)
     rows = []

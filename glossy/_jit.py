@@ -4,8 +4,9 @@ Kernels compile lazily, on the first call with a precision, and are kept on disk
 follows every function and constant a kernel leads to: Numba's own check looks at one file, so an
 edited callee in another file would leave its callers stale.
 
-``kernel`` compiles a function that other kernels call, or a serial loop; ``parallel_kernel``
-one whose outer loop is a ``prange`` over pixels.
+``kernel`` compiles a function that other kernels call, or a serial loop; ``row_kernel`` one that
+fills a range of rows, which `_threads.in_rows` shares among threads. There is no
+``parallel=True``: it compiles a quarter longer, and its threads do not survive a fork.
 
 ``error_model="numpy"``: a division by zero gives inf or nan instead of an exception; the
 callers validate first and the tests assert finite results.
@@ -37,6 +38,6 @@ def kernel(func: F) -> F:
     return _compile(func)
 
 
-def parallel_kernel(func: F) -> F:
-    """Compile ``func`` lazily with its ``prange`` loops spread over the threads."""
-    return _compile(func, parallel=True)
+def row_kernel(func: F) -> F:
+    """Compile ``func(begin, end, ...)`` lazily for `_threads.in_rows`: without Python's lock."""
+    return _compile(func, nogil=True)

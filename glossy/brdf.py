@@ -28,13 +28,13 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import cast
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from . import _check, mixture
 from ._arguments import require
-from ._jit import kernel, parallel_kernel
+from ._jit import kernel, row_kernel
+from ._threads import in_rows
 
 FloatArray = npt.NDArray[np.floating]
 Float64Array = npt.NDArray[np.float64]
@@ -151,8 +151,10 @@ def k_pdf(
     return value
 
 
-@parallel_kernel
+@row_kernel
 def _eval(
+    begin: int,
+    end: int,
     wi: FloatArray,
     wo: FloatArray,
     lobes: FloatArray,
@@ -161,22 +163,32 @@ def _eval(
     kd: FloatArray,
     out: FloatArray,
 ) -> None:
-    for k in numba.prange(wi.shape[0]):
+    for k in range(begin, end):
         i, o = wi[k], wo[k]
         f = k_bsdf(i[0], i[1], i[2], o[0], o[1], o[2], lobes, ks, r0, kd)
         out[k, 0], out[k, 1], out[k, 2] = f
 
 
-@parallel_kernel
-def _pdf(wi: Float64Array, wo: Float64Array, lobe: Float64Array, out: Float64Array) -> None:
-    for k in numba.prange(wi.shape[0]):
+@row_kernel
+def _pdf(
+    begin: int, end: int, wi: Float64Array, wo: Float64Array, lobe: Float64Array, out: Float64Array
+) -> None:
+    for k in range(begin, end):
         i, o = wi[k], wo[k]
         out[k] = k_pdf(i[0], i[1], i[2], o[0], o[1], o[2], lobe)
 
 
-@parallel_kernel
-def _sample(xi: Float64Array, wo: Float64Array, mx: float, my: float, out: Float64Array) -> None:
-    for k in numba.prange(xi.shape[0]):
+@row_kernel
+def _sample(
+    begin: int,
+    end: int,
+    xi: Float64Array,
+    wo: Float64Array,
+    mx: float,
+    my: float,
+    out: Float64Array,
+) -> None:
+    for k in range(begin, end):
         radius = np.sqrt(-np.log(xi[k, 0]))
         sx = mx * radius * np.cos(2.0 * math.pi * xi[k, 1])
         sy = my * radius * np.sin(2.0 * math.pi * xi[k, 1])
@@ -286,7 +298,7 @@ class Lobe:
         out = np.empty(o.shape)
         mx, my = self.widths
         flat = _check.frozen(x.reshape(-1, 2)), _check.frozen(o.reshape(-1, 3))
-        _sample(*flat, mx, my, out.reshape(-1, 3))
+        in_rows(_sample, len(flat[0]), *flat, mx, my, out.reshape(-1, 3), grain=1024)
         return out
 
     def pdf(self, wi: npt.ArrayLike, wo: npt.ArrayLike) -> Float64Array:
@@ -297,7 +309,7 @@ class Lobe:
         i, o = _pair(wi, wo)
         out = np.empty(i.shape[:-1])
         flat = _check.frozen(i.reshape(-1, 3)), _check.frozen(o.reshape(-1, 3))
-        _pdf(*flat, self.pack(), out.reshape(-1))
+        in_rows(_pdf, len(flat[0]), *flat, self.pack(), out.reshape(-1), grain=1024)
         return out
 
     def eval(self, wi: npt.ArrayLike, wo: npt.ArrayLike) -> FloatArray:
@@ -416,7 +428,7 @@ class Material:
         p = self.pack(dtype)
         a, b = (_check.frozen(v.astype(dtype).reshape(-1, 3)) for v in (i, o))
         kd = _check.frozen(np.zeros_like(p.kd)) if self.kd_falloff else p.kd
-        _eval(a, b, p.lobes, p.ks, p.r0, kd, out.reshape(-1, 3))
+        in_rows(_eval, len(a), a, b, p.lobes, p.ks, p.r0, kd, out.reshape(-1, 3), grain=1024)
         share = self.diffuse_share(o)
         if share is not None:
             up, down = p.kd

@@ -13,12 +13,12 @@ of at least 512 samples along a face's edge, so that every size shows the same m
 import dataclasses
 import math
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from . import _check
-from ._jit import kernel, parallel_kernel
+from ._jit import kernel, row_kernel
+from ._threads import in_rows
 from .cubemap import CubeMap, face_directions, texel_solid_angles
 from .layouts import area_resize
 
@@ -109,11 +109,13 @@ def _sky(x: float, y: float, z: float) -> Colour:
     )
 
 
-@parallel_kernel
-def _average(kind: int, frames: Float64Array, sub: int, out: Float32Array) -> None:
+@row_kernel
+def _average(
+    begin: int, end: int, kind: int, frames: Float64Array, sub: int, out: Float32Array
+) -> None:
     # mean of the function over each texel, sub x sub samples weighted by solid angle
     size = out.shape[1]
-    for line in numba.prange(6 * size):
+    for line in range(begin, end):
         face, row = line // size, line % size
         for col in range(size):
             red, green, blue, total = 0.0, 0.0, 0.0, 0.0
@@ -302,7 +304,7 @@ def environment(name: str, size: int = 256, seed: int = 0) -> CubeMap:
         return CubeMap(area_resize(_axes_faces(), n))
     kind = {"spots": _SPOTS, "studio": _STUDIO, "sky": _SKY}[name]
     faces = np.empty((6, n, n, 3), dtype=np.float32)
-    _average(kind, _check.frozen(_frames()), math.ceil(SAMPLES / n), faces)
+    in_rows(_average, 6 * n, kind, _check.frozen(_frames()), math.ceil(SAMPLES / n), faces)
     for disc in {"spots": spot_discs(seed), "sky": [sun()]}.get(name, []):
         add_disc(faces, disc)
     return CubeMap(faces)

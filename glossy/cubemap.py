@@ -17,12 +17,12 @@ that meet. This lookup is what the ground truth integrates; the pyramid has a ke
 
 import functools
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from . import _check
-from ._jit import Scalar, kernel, parallel_kernel
+from ._jit import Scalar, kernel, row_kernel
+from ._threads import in_rows
 
 FACE_NAMES = ("+x", "-x", "+y", "-y", "+z", "-z")
 MAX_SIZE = 16384
@@ -139,11 +139,13 @@ def k_lookup_weights(
     return face, row, col, u - col, v - row
 
 
-@parallel_kernel
-def _lookup(directions: Float64Array, padded: Float32Array, out: Float64Array) -> None:
+@row_kernel
+def _lookup(
+    begin: int, end: int, directions: Float64Array, padded: Float32Array, out: Float64Array
+) -> None:
     # (K, 3), (6, N+2, N+2, 3), (K, 3)
     size = padded.shape[1] - 2
-    for k in numba.prange(directions.shape[0]):
+    for k in range(begin, end):
         d = directions[k]
         face, row, col, a, b = k_lookup_weights(d[0], d[1], d[2], size)
         for c in range(3):
@@ -208,7 +210,14 @@ class CubeMap:
         """
         d = np.asarray(_check.vectors("directions", directions), dtype=np.float64)
         out = np.empty(d.shape, dtype=np.float64)
-        _lookup(_check.frozen(d.reshape(-1, 3)), self.padded, out.reshape(-1, 3))
+        in_rows(
+            _lookup,
+            len(d.reshape(-1, 3)),
+            _check.frozen(d.reshape(-1, 3)),
+            self.padded,
+            out.reshape(-1, 3),
+            grain=1024,
+        )
         return out
 
     def power(self) -> Float64Array:

@@ -24,12 +24,12 @@ A picture with rows on the poles is bilinear, always; its power is the integral 
 import dataclasses
 import math
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from . import _check, overlap
-from ._jit import parallel_kernel
+from ._jit import row_kernel
+from ._threads import in_rows
 from .cubemap import CubeMap, face_directions, k_lookup_weights, texel_solid_angles
 
 Float32Array = npt.NDArray[np.float32]
@@ -218,8 +218,10 @@ def latlong_to_cube(
     return overlap.resample(_check.frozen(p), rule, frames, omega, sign, low, high)
 
 
-@parallel_kernel
+@row_kernel
 def _sample_cube(
+    begin: int,
+    end: int,
     padded: Float32Array,
     top: Float64Array,
     bottom: Float64Array,
@@ -229,8 +231,8 @@ def _sample_cube(
     out: Float32Array,
 ) -> None:
     # mean of down x across[i] equal-area samples in each texel; rows from y = top to bottom
-    height, width, size = out.shape[0], out.shape[1], padded.shape[1] - 2
-    for i in numba.prange(height):
+    width, size = out.shape[1], padded.shape[1] - 2
+    for i in range(begin, end):
         for j in range(width):
             red, green, blue = 0.0, 0.0, 0.0
             for k in range(down):
@@ -285,5 +287,5 @@ def cube_to_latlong(
     out = np.empty((n, columns, 3), dtype=np.float32)
     turned = how.turned(columns)
     top, bottom, across, matrix = map(_check.frozen, (y[:-1], y[1:], across, turned))
-    _sample_cube(cube.padded, top, bottom, across, down, matrix, out)
+    in_rows(_sample_cube, len(out), cube.padded, top, bottom, across, down, matrix, out)
     return np.concatenate([out, out[:, :1]], axis=1) if how.seam else out

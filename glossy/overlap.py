@@ -21,12 +21,12 @@ is the pole). The rows of ``POLES`` lie at theta_i = i pi/(H-1) and f is linear 
 
 import math
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from . import _check
-from ._jit import parallel_kernel
+from ._jit import row_kernel
+from ._threads import in_rows
 from .arcs import CENTRES, POLES, STEP, TEXELS, k_partial, k_walk
 
 __all__ = ["CENTRES", "POLES", "TEXELS", "resample", "row_nodes"]
@@ -51,13 +51,20 @@ def row_nodes(rule: int, height: int) -> Float64Array:
     return np.asarray(y)
 
 
-@parallel_kernel
+@row_kernel
 def _cumulate(
-    rule: int, pixels: Float32Array, y: Float64Array, first: int, last: int, out: Float64Array
+    begin: int,
+    end: int,
+    rule: int,
+    pixels: Float32Array,
+    y: Float64Array,
+    first: int,
+    last: int,
+    out: Float64Array,
 ) -> None:
     # G at the nodes y, (len(y), W, 3), from node first, where it is 0, to node last
     height, width = pixels.shape[0], pixels.shape[1]
-    for task in numba.prange((width + COLUMNS - 1) // COLUMNS):
+    for task in range(begin, end):
         low, high = task * COLUMNS, min(width, (task + 1) * COLUMNS)
         for k in range(low, high):
             for c in range(3):
@@ -79,8 +86,10 @@ def _cumulate(
                         out[r, k, c] = out[r + 1, k, c] - part
 
 
-@parallel_kernel
+@row_kernel
 def _resample(
+    begin: int,
+    end: int,
     rule: int,
     pixels: Float32Array,
     cumulated: Float64Array,
@@ -97,7 +106,7 @@ def _resample(
     # frames (6, 3, 3): centre, direction of s and of t of each face in the picture's axes
     size = out.shape[1]
     strips = (size + STRIP - 1) // STRIP
-    for task in numba.prange(faces.size * strips):
+    for task in range(begin, end):
         face = faces[task // strips]
         top = (task % strips) * STRIP
         rows = min(STRIP, size - top)
@@ -182,11 +191,12 @@ def resample(
         polar = np.arccos(np.clip(frames[faces, 0, 1], -1.0, 1.0))
         if south:
             end = np.searchsorted(-nodes, -math.cos(max(polar.min() - reach, 0.0))) - 1
-            _cumulate(rule, source, nodes, nodes.size - 1, max(int(end) - 1, 0), cumulated)
+            ends = nodes.size - 1, max(int(end) - 1, 0)
         else:
             end = np.searchsorted(-nodes, -math.cos(min(polar.max() + reach, math.pi)))
-            _cumulate(rule, source, nodes, 0, min(int(end) + 1, nodes.size - 1), cumulated)
-        _resample(
-            rule, source, cumulated, nodes, columns, frames, faces, sign, omega, low, high, out
-        )
+            ends = 0, min(int(end) + 1, nodes.size - 1)
+        strips = -(-source.shape[1] // COLUMNS)
+        in_rows(_cumulate, strips, rule, source, nodes, *ends, cumulated)
+        shared = (rule, source, cumulated, nodes, columns, frames, faces, sign, omega, low, high)
+        in_rows(_resample, faces.size * -(-out.shape[1] // STRIP), *shared, out)
     return out

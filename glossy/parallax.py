@@ -20,12 +20,12 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from . import _check, methods
-from ._jit import Scalar, kernel, parallel_kernel
+from ._jit import Scalar, kernel, row_kernel
+from ._threads import in_rows
 from .brdf import Material
 from .footprint import JACOBIAN, PAPER, k_lobe_area
 from .frames import SurfacePoints
@@ -103,8 +103,10 @@ def k_texels_change(
     return ratio
 
 
-@parallel_kernel
+@row_kernel
 def _shade_planes(
+    begin: int,
+    end: int,
     normal: FloatArray,
     tangent: FloatArray,
     view: FloatArray,
@@ -130,7 +132,7 @@ def _shade_planes(
     out: FloatArray,
 ) -> None:
     # as shading._shade and thesis._shade_mean; offset (P, 3), inverse (P, M), normals (M, 3)
-    for p in numba.prange(normal.shape[0]):
+    for p in range(begin, end):
         out[p, 0] = out[p, 1] = out[p, 2] = ZERO
         frame, wo = k_frame(normal[p], tangent[p], view[p])
         if wo[2] <= ZERO:
@@ -249,11 +251,10 @@ def shade_table(
     out: npt.NDArray[Any] = np.zeros((points.coverage.size, 3), dtype=dtype)
     for pick, (n, t, v, offset, inverse) in plane_chunks(points, planes, dtype):
         part = np.empty((len(pick), 3), dtype=dtype)
-        _shade_planes(
-            n, t, v, offset, inverse, normals, dtype(planes.width),
+        in_rows(_shade_planes, len(n), n, t, v, offset, inverse, normals, dtype(planes.width),
             planes.footprint == "projected", table.taps, table.first, table.borders, table.lobes,
             table.ks, table.r0, table.footprint, estimator, table.bias, table.steps,
-            dtype(math.pi), *pyramid.kernel_arguments, part,
+            dtype(math.pi), *pyramid.kernel_arguments, part, grain=64,
         )  # fmt: skip
         out[pick] = part
     return out.reshape(*points.shape, 3)

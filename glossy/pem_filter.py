@@ -12,11 +12,11 @@ none. Their fifth case, without smoothing, is ``box``.
 
 import math
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
-from ._jit import parallel_kernel
+from ._jit import row_kernel
+from ._threads import in_rows
 from .seams import PAD, k_fill_seams
 
 Float32Array = npt.NDArray[np.float32]
@@ -37,13 +37,13 @@ PEM_TAPS = {
 """Weight of the middle, of the next, and of the outermost tap of one axis."""
 
 
-@parallel_kernel
+@row_kernel
 def _smooth(
-    level: Float32Array, before: Float32Array, taps: Float32Array, table: Int64Array
+    begin: int, end: int, level: Float32Array, before: Float32Array, taps: Float32Array
 ) -> None:
-    # (6, n + 2 PAD, n + 2 PAD, 4), a copy of it, (3,), (6, 4, 7)
+    # (6, n + 2 PAD, n + 2 PAD, 4), a copy of it, (3,)
     n = level.shape[1] - 2 * PAD
-    for i in numba.prange(6 * n):
+    for i in range(begin, end):
         face, row = i // n, i % n + PAD
         lines = before[face]
         down = np.empty((n + 2 * PAD, 4), dtype=np.float32)
@@ -56,9 +56,10 @@ def _smooth(
             for c in range(4):
                 near, far = down[x - 1, c] + down[x + 1, c], down[x - 2, c] + down[x + 2, c]
                 level[face, row, x, c] = taps[0] * down[x, c] + taps[1] * near + taps[2] * far
-    k_fill_seams(level, table)
 
 
 def smooth(level: Float32Array, filter: str, table: Int64Array) -> None:
     """Filter a halved level, with its rings, in place."""
-    _smooth(level, level.copy(), np.array(PEM_TAPS[filter], dtype=np.float32), table)
+    taps = np.array(PEM_TAPS[filter], dtype=np.float32)
+    in_rows(_smooth, 6 * (level.shape[1] - 2 * PAD), level, level.copy(), taps, grain=16)
+    k_fill_seams(level, table)

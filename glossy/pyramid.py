@@ -22,14 +22,14 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from . import _check
 from ._arguments import checked
-from ._jit import Scalar, kernel, parallel_kernel
+from ._jit import Scalar, kernel, row_kernel
 from ._rows import LANES, LINE, OUTPUT_ROWS, halve_rows, quarter_rgb
+from ._threads import in_rows
 from .cubemap import MAX_SIZE, CubeMap
 from .pem_filter import PEM_TAPS, smooth
 from .round_filter import reduce_round
@@ -58,10 +58,10 @@ EIGHTH, INV32 = np.float32(0.125), np.float32(1.0 / 32.0)
 # --- building -------------------------------------------------------------------------------------
 
 
-@parallel_kernel
-def _store_rgb(faces: Float32Array, level: Float32Array) -> None:
+@row_kernel
+def _store_rgb(begin: int, end: int, faces: Float32Array, level: Float32Array) -> None:
     n = faces.shape[1]
-    for i in numba.prange(6 * n):
+    for i in range(begin, end):
         face, row = i // n, i % n
         for col in range(n):
             level[face, row + PAD, col + PAD, 0] = faces[face, row, col, 0]
@@ -113,44 +113,61 @@ def k_level(buffer: Float32Array, chain: Int64Array, level: Scalar) -> Float32Ar
     return buffer[start : start + 6 * size * size * TEXEL].reshape((6, size, size, TEXEL))
 
 
-@parallel_kernel
-def _reduce(
+@row_kernel
+def _halve(
+    begin: int, end: int, buffer: Float32Array, chain: Int64Array, weights: Any, level: int
+) -> None:
+    """Groups of rows of a level, from the one before."""
+    fine, coarse = k_level(buffer, chain, level - 1), k_level(buffer, chain, level)
+    for i in range(begin, end):
+        _halve_block(fine, coarse, weights, i)
+
+
+@kernel
+def _reduce_small(
     buffer: Float32Array, chain: Int64Array, weights: Any, table: Int64Array, first: int, last: int
 ) -> None:
     """Levels ``first`` to ``last``, each from the one before, with their rings."""
     for level in range(first, last + 1):
         fine, coarse = k_level(buffer, chain, level - 1), k_level(buffer, chain, level)
         n = coarse.shape[1] - 2 * PAD
-        blocks = 6 * n // OUTPUT_ROWS
         if n < OUTPUT_ROWS:
             for face in range(6):
                 _halve_small(fine, coarse, weights, face)
-        elif n <= SERIAL:
-            for i in range(blocks):
-                _halve_block(fine, coarse, weights, i)
         else:
-            for i in numba.prange(blocks):
+            for i in range(6 * n // OUTPUT_ROWS):
                 _halve_block(fine, coarse, weights, i)
         k_fill_seams(coarse, table)
 
 
-@parallel_kernel
-def _quarter(
-    faces: Float32Array, buffer: Float32Array, chain: Int64Array, table: Int64Array
+def _reduce(
+    buffer: Float32Array, chain: Int64Array, weights: Any, table: Int64Array, first: int, last: int
 ) -> None:
-    """Levels 1 and 2 of the box filter, from the packed faces."""
+    """Levels ``first`` to ``last``, each from the one before: large ones on all threads."""
+    sizes = chain[:, 1].tolist()
+    while first <= last and sizes[first] > SERIAL:
+        in_rows(_halve, 6 * sizes[first] // OUTPUT_ROWS, buffer, chain, weights, first, grain=4)
+        k_fill_seams(k_level(buffer, chain, first), table)
+        first += 1
+    if first <= last:
+        _reduce_small(buffer, chain, weights, table, first, last)
+
+
+@row_kernel
+def _quarter(
+    begin: int, end: int, faces: Float32Array, buffer: Float32Array, chain: Int64Array
+) -> None:
+    """Levels 1 and 2 of the box filter, from the packed faces, without their rings."""
     size = faces.shape[1]
     one, two, n = k_level(buffer, chain, 1), k_level(buffer, chain, 2), size // 4
     source, width = faces.reshape(-1), 3 * size
-    for i in numba.prange(6 * n):
+    for i in range(begin, end):
         face, row = i // n, i % n
         across, start = one.shape[1] * TEXEL, (face * size + 4 * row) * width
-        begin = ((face * one.shape[1] + 2 * row + PAD) * one.shape[1] + PAD) * TEXEL
+        target = ((face * one.shape[1] + 2 * row + PAD) * one.shape[1] + PAD) * TEXEL
         second = ((face * two.shape[1] + row + PAD) * two.shape[1] + PAD) * TEXEL
-        begin, second = begin + chain[1, 0] * TEXEL, second + chain[2, 0] * TEXEL
-        quarter_rgb(source, start, width, QUARTER, buffer, begin, across, second, size // 16)
-    k_fill_seams(one, table)
-    k_fill_seams(two, table)
+        target, second = target + chain[1, 0] * TEXEL, second + chain[2, 0] * TEXEL
+        quarter_rgb(source, start, width, QUARTER, buffer, target, across, second, size // 16)
 
 
 WEIGHTS = {
@@ -268,7 +285,7 @@ class Pyramid:
         return over
 
     def _store_base(self, faces: Float32Array) -> int:
-        _store_rgb(faces, self._padded[0])
+        in_rows(_store_rgb, 6 * faces.shape[1], faces, self._padded[0], grain=64)
         if self.storage == "rgba16f":
             return self._to_half(0)
         k_fill_seams(self._padded[0], fold_table())
@@ -284,7 +301,9 @@ class Pyramid:
         """Levels from 1 on; ``faces`` are what the first level was filled from."""
         buffer, first = self._buffer, 1
         if self.filter == "box" and self.size >= LANES and buffer.ctypes.data % LINE == 0:
-            _quarter(faces, buffer, self._chain, fold_table())
+            in_rows(_quarter, 6 * (self.size // 4), faces, buffer, self._chain, grain=4)
+            for level in (1, 2):
+                k_fill_seams(k_level(buffer, self._chain, level), fold_table())
             first = 3
         self._make_levels(first, len(self._padded) - 1)
 
@@ -306,7 +325,7 @@ class Pyramid:
         for level in self._padded:
             np.clip(level, -most, most, out=level)  # a mean may round up
             level /= HEADROOM
-        _store_rgb(faces, self._padded[0])
+        in_rows(_store_rgb, 6 * faces.shape[1], faces, self._padded[0], grain=64)
 
     def _make_levels(self, first: int, last: int) -> None:
         """Levels ``first`` to ``last``, each from the one before."""
@@ -400,8 +419,21 @@ class Pyramid:
         out = np.empty((d.shape[0], self.channels), dtype=dtype)
         steps = dtype(subtexel_steps(subtexel_bits))
         buffer, chain, stride = self.kernel_arguments
-        sample_chain(
-            d, lod, buffer, chain, stride, steps, linear, mip_linear, bool(seamless), even, out
+        in_rows(
+            sample_chain,
+            len(d),
+            d,
+            lod,
+            buffer,
+            chain,
+            stride,
+            steps,
+            linear,
+            mip_linear,
+            bool(seamless),
+            even,
+            out,
+            grain=512,
         )
         return out.reshape(*shape, self.channels)
 

@@ -9,13 +9,13 @@ edge are gathered from a strip with that many of the neighbour's.
 
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from ._gather import FACES, TAPS, gather, gather_mirrored
-from ._jit import Scalar, kernel, parallel_kernel
+from ._jit import Scalar, kernel, row_kernel
 from ._rows import copy_texel
+from ._threads import in_rows
 from .round_shares import RING
 from .round_weights import DENSE, LARGEST, dense_weights, window_weights
 from .seams import PAD, k_fill_seams
@@ -127,24 +127,34 @@ def _gather_ends(
             coarse[face, side, PAD : PAD + n] = found[k]
 
 
-@parallel_kernel
+@row_kernel
+def _gather_rows(
+    begin: int,
+    end: int,
+    fine: Float32Array,
+    coarse: Float32Array,
+    weights: Float32Array,
+    table: Int64Array,
+    shift: int,
+) -> None:
+    """Of a level from the one above, both (6, n + 2 PAD, n + 2 PAD, 4): its ends, then its rows."""
+    ends = 24 // FACES
+    for i in range(begin, end):
+        if i < ends:
+            _gather_ends(fine, coarse, weights, table, shift, i)
+        else:
+            _gather_row(fine, coarse, weights, shift, i - ends + 1)
+
+
 def _gather_level(
     fine: Float32Array, coarse: Float32Array, weights: Float32Array, table: Int64Array
 ) -> None:
-    """A level from the one above, both (6, n + 2 PAD, n + 2 PAD, 4), with its rings."""
     n, shift = coarse.shape[1] - 2 * PAD, 0
-    while 2 * weights.shape[0] << shift < n:
+    while 2 * len(weights) << shift < n:
         shift += 1
-    if n <= SERIAL:
-        for row in range(1, n - 1):
-            _gather_row(fine, coarse, weights, shift, row)
-        for group in range(24 // FACES):
-            _gather_ends(fine, coarse, weights, table, shift, group)
-    else:
-        for row in numba.prange(1, n - 1):
-            _gather_row(fine, coarse, weights, shift, row)
-        for group in numba.prange(24 // FACES):
-            _gather_ends(fine, coarse, weights, table, shift, group)
+    count = 24 // FACES + n - 2
+    grain = count if n <= SERIAL else 1
+    in_rows(_gather_rows, count, fine, coarse, weights, table, shift, grain=grain)
     k_fill_seams(coarse, table)
 
 

@@ -10,11 +10,10 @@ All levels lie in one flat buffer, every face with ``seams.PAD`` rings around it
 precision serves every size and no lookup branches at a seam.
 """
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
-from ._jit import Scalar, kernel, parallel_kernel
+from ._jit import Scalar, kernel, row_kernel
 from .seams import PAD
 
 FloatArray = npt.NDArray[np.floating]
@@ -125,8 +124,10 @@ def k_round_level(level: Scalar, half_to_even: bool) -> Scalar:
     return down
 
 
-@parallel_kernel
+@row_kernel
 def sample_chain(
+    begin: int,
+    end: int,
     directions: FloatArray,
     levels: FloatArray,
     buffer: Float32Array,
@@ -141,7 +142,7 @@ def sample_chain(
 ) -> None:
     """Look up directions (K, 3) at levels (K,) into ``out`` (K, C); see ``Pyramid.sample``."""
     top = chain.shape[0] - 1
-    for k in numba.prange(directions.shape[0]):
+    for k in range(begin, end):
         d = directions[k]
         face, u, v = k_face_uv(d[0], d[1], d[2])
         level = min(max(levels[k], ZERO * u), type(u)(top))

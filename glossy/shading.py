@@ -24,13 +24,13 @@ import warnings
 from collections.abc import Iterator
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from . import _check, methods, tiles
 from ._arguments import checked, hints, require
-from ._jit import Scalar, kernel, parallel_kernel
+from ._jit import Scalar, kernel, row_kernel
+from ._threads import in_rows
 from .brdf import Lobe, Material, k_schlick, k_schlick_rest
 from .footprint import FOOTPRINTS, JACOBIAN, k_level, k_lobe_area, k_texels
 from .frames import SurfacePoints
@@ -115,8 +115,10 @@ def k_frame(
     return (tx, ty, tz, bx, by, bz, nx, ny, nz), wo
 
 
-@parallel_kernel
+@row_kernel
 def _shade(
+    begin: int,
+    end: int,
     normal: FloatArray,
     tangent: FloatArray,
     view: FloatArray,
@@ -136,7 +138,7 @@ def _shade(
     out: FloatArray,
 ) -> None:
     # (P, 3) x3, then TapTable's arrays, then Pyramid's; out (P, 3)
-    for p in numba.prange(normal.shape[0]):
+    for p in range(begin, end):
         out[p, 0] = out[p, 1] = out[p, 2] = ZERO
         frame, wo = k_frame(normal[p], tangent[p], view[p])
         if wo[2] <= ZERO:
@@ -249,13 +251,17 @@ def run_table(
     shared = (cast.taps, cast.first, cast.borders, cast.lobes, cast.ks, cast.r0, cast.footprint)
     if packed is not None:
         log_size = np.int32(pyramid.size.bit_length() - 1)
-        tiles.shade_tiles(seen, packed, *shared, cast.bias, dtype(math.pi), buffer, log_size, out)
+        in_rows(
+            tiles.shade_tiles, tiles.tiles_of(seen), seen, packed, *shared, cast.bias,
+            dtype(math.pi), buffer, log_size, out, grain=4,
+        )  # fmt: skip
     else:
         for pick, (n, t, v) in chunks(points, seen, dtype):
             part = np.empty((len(pick), 3), dtype=dtype)
-            _shade(
-                n, t, v, *shared, cast.bias, cast.steps, dtype(math.pi), buffer, chain, stride, part
-            )
+            in_rows(
+                _shade, len(pick), n, t, v, *shared, cast.bias, cast.steps, dtype(math.pi),
+                buffer, chain, stride, part, grain=256,
+            )  # fmt: skip
             out[pick] = part
     return out.reshape(*points.shape, 3)
 

@@ -24,12 +24,12 @@ import dataclasses
 import math
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from . import _check, tiles
-from ._jit import Scalar, kernel, parallel_kernel
+from ._jit import Scalar, kernel, row_kernel
+from ._threads import in_rows
 from .brdf import Material
 from .footprint import FOOTPRINTS, JACOBIAN, k_lobe_area
 from .frames import SurfacePoints
@@ -74,8 +74,10 @@ def k_share(
     return density * weight
 
 
-@parallel_kernel
+@row_kernel
 def _shade_mean(
+    begin: int,
+    end: int,
     normal: FloatArray,
     tangent: FloatArray,
     view: FloatArray,
@@ -96,7 +98,7 @@ def _shade_mean(
     out: FloatArray,
 ) -> None:
     # as shading._shade; out (P, 3)
-    for p in numba.prange(normal.shape[0]):
+    for p in range(begin, end):
         out[p, 0] = out[p, 1] = out[p, 2] = ZERO
         frame, wo = k_frame(normal[p], tangent[p], view[p])
         if wo[2] <= ZERO:
@@ -263,10 +265,35 @@ def thesis(
     if tiled:
         seen, packed = points.packed
         log_size = np.int32(pyramid.size.bit_length() - 1)
-        shade_mean_tiles(seen, packed, *shared, dtype(math.pi), buffer, log_size, out)
+        in_rows(
+            shade_mean_tiles,
+            tiles.tiles_of(seen),
+            seen,
+            packed,
+            *shared,
+            dtype(math.pi),
+            buffer,
+            log_size,
+            out,
+            grain=4,
+        )
         return out.reshape(*points.shape, 3)
     for pick, (n, t, v) in chunks(points, np.flatnonzero(points.coverage), dtype):
         part = np.empty((len(pick), 3), dtype=dtype)
-        _shade_mean(n, t, v, *shared, table.steps, dtype(math.pi), buffer, chain, stride, part)
+        in_rows(
+            _shade_mean,
+            len(n),
+            n,
+            t,
+            v,
+            *shared,
+            table.steps,
+            dtype(math.pi),
+            buffer,
+            chain,
+            stride,
+            part,
+            grain=64,
+        )
         out[pick] = part
     return out.reshape(*points.shape, 3)

@@ -7,11 +7,10 @@ one sum of lookups serves::
     L = sum (w X / L_mip) L_mip / sum w,   w, X: eqs. (4) and (5) of ``thesis``
 """
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
-from ._jit import Scalar, kernel, parallel_kernel
+from ._jit import Scalar, kernel, row_kernel
 from .footprint import JACOBIAN, k_lobe_area
 from .tiles import (
     AREA,
@@ -67,8 +66,10 @@ def _fold_shares(
         s[GAIN + i] = share * (weight * s[SCHLICK + i])
 
 
-@parallel_kernel
+@row_kernel
 def shade_mean_tiles(
+    begin: int,
+    end: int,
     pixels: Int64Array,
     vectors: Float32Array,
     taps: Float32Array,
@@ -90,7 +91,7 @@ def shade_mean_tiles(
     Arguments as for ``tiles.shade_tiles``.
     """
     top = np.float32(log_size)
-    for tile in numba.prange((pixels.shape[0] + T - 1) // T):
+    for tile in range(begin, end):
         start = tile * T
         count = min(T, pixels.shape[0] - start)
         s = np.empty(SCRATCH, dtype=np.float32)

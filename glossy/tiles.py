@@ -25,7 +25,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from ._jit import Scalar, kernel, parallel_kernel
+from ._jit import Scalar, kernel, row_kernel
 from ._lanes import add_texels, add_texels2, bits, from_bits
 from .footprint import JACOBIAN, PAPER, k_lobe_area
 from .pyramid import Pyramid
@@ -245,8 +245,10 @@ def k_look_up(s: Float32Array, buffer: Float32Array, count: Scalar, fresnel: boo
             add_texels(buffer, at, weights, s, PLAIN + 8 * i)
 
 
-@parallel_kernel
+@row_kernel
 def shade_tiles(
+    begin: int,
+    end: int,
     pixels: Int64Array,
     vectors: Float32Array,
     taps: Float32Array,
@@ -264,10 +266,11 @@ def shade_tiles(
 ) -> None:
     """``shading._shade`` for ``SurfacePoints.packed``, in a full power-of-two chain.
 
-    Adds to ``out``. The other arguments as there; ``log_size`` (int32) is log2 of N at level 0.
+    Takes tiles of T pixels, ``begin`` to ``end``. Adds to ``out``. The other arguments as there;
+    ``log_size`` (int32) is log2 of N at level 0.
     """
     top = np.float32(log_size)
-    for tile in numba.prange((pixels.shape[0] + T - 1) // T):
+    for tile in range(begin, end):
         start = tile * T
         count = min(T, pixels.shape[0] - start)
         s = np.empty(SCRATCH, dtype=np.float32)
@@ -298,6 +301,11 @@ def shade_tiles(
                     if lobes[j, 4] > ZERO:
                         value += r0[j, c] * a
                     out[p, c] += ks[j, c] * value
+
+
+def tiles_of(pixels: Int64Array) -> int:
+    """How many tiles of T pixels hold them all."""
+    return -(-len(pixels) // T)
 
 
 def fits(pyramid: Pyramid, dtype: type, steps: float) -> bool:

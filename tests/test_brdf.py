@@ -238,7 +238,7 @@ def run(material: Material, wi: Array, wo: Array, dtype: type) -> Array:
     p = material.pack(dtype)
     out: Array = np.empty(wi.shape, dtype)
     i, o = (_check.frozen(v.astype(dtype)) for v in (wi, wo))
-    brdf._eval(i, o, p.lobes, p.ks, p.r0, p.kd, out)
+    brdf._eval(0, len(i), i, o, p.lobes, p.ks, p.r0, p.kd, out)
     return out
 
 

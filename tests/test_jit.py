@@ -253,7 +253,7 @@ def test_without_a_home_and_with_an_unknown_user_it_computes(tmp_path: pathlib.P
     shared = tmp_path / "shared"
     shared.mkdir(mode=0o1777)
     env = {"NUMBA_CACHE_DIR": "-", "XDG_CACHE_HOME": "-", "HOME": "-", "TMPDIR": str(shared)}
-    options = {"user": 54321} if os.geteuid() == 0 else {}
+    options: dict[str, Any] = {"user": 54321} if os.geteuid() == 0 else {}
     if options:
         for path in (tmp_path, *tmp_path.parents):
             if not path.stat().st_mode & 0o001:

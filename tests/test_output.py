@@ -37,6 +37,9 @@ def _report(path: pathlib.Path) -> None:
     report.plot(results, rows, path)
 
 
+CAMERA = default_camera(Sphere(), 12, 10)
+PATTERN = glossy.regular_pattern(glossy.Lobe(0.1), 4)
+
 WRITERS: dict[str, Writer] = {
     "a.exr": lambda path: glossy.write_image(path, RGB),
     "half.exr": lambda path: glossy.write_image(path, RGB, half=True),
@@ -57,8 +60,6 @@ WRITERS: dict[str, Writer] = {
     "report.png": _report,
     "table.txt": lambda path: _table().write(path),
 }
-CAMERA = default_camera(Sphere(), 12, 10)
-PATTERN = glossy.regular_pattern(glossy.Lobe(0.1), 4)
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +116,7 @@ def test_whichever_step_fails_the_old_file_stays(
             real(*args)  # the error of a close comes after the descriptor is gone
         raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr(_output.os, step, failing)
+    monkeypatch.setattr(os, step, failing)
     with pytest.raises(OSError, match="input/output error") as error:
         WRITERS[name](path)
     monkeypatch.undo()

@@ -8,13 +8,12 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 import tolerances
 from test_study import errors, study
 
-from glossy import CubeMap
+from glossy import CubeMap, _threads
 from glossy.cli import build_parser
 from glossy.scene import load_scene
 from glossy.study import bench as measuring
@@ -56,7 +55,7 @@ class Clock:
         """A function that takes this long."""
 
         def call() -> str:
-            assert numba.get_num_threads() == 1
+            assert _threads.threads() == 1
             self.calls.append(name)
             self.cpu += cpu
             self.wall += wall
@@ -93,14 +92,14 @@ def test_a_long_picture_is_called_once_in_a_block(clock: Clock) -> None:
 
 
 def test_the_threads_come_back_after_an_error() -> None:
-    before = numba.get_num_threads()
+    before = _threads.threads()
 
     def fail() -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         measure.timed(fail, fail, 1)
-    assert numba.get_num_threads() == before
+    assert _threads.threads() == before
 
 
 def test_the_plot_measures_time_in_units_of_the_baseline(finished: Study) -> None:

@@ -8,12 +8,12 @@ like texels. A wide tap that meets several planes is looked up where its middle 
 from collections.abc import Mapping
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, parallel_kernel
+from .._jit import Scalar, row_kernel
+from .._threads import in_rows
 from ..brdf import Material
 from ..frames import SurfacePoints
 from ..parallax import k_redirect, k_texels_change, plane_chunks
@@ -29,8 +29,10 @@ FloatArray = npt.NDArray[np.floating]
 ZERO, ONE = np.float32(0.0), np.float32(1.0)
 
 
-@parallel_kernel
+@row_kernel
 def _shade_lattice_planes(
+    begin: int,
+    end: int,
     normal: FloatArray,
     tangent: FloatArray,
     view: FloatArray,
@@ -56,19 +58,19 @@ def _shade_lattice_planes(
     out: FloatArray,
 ) -> None:
     # as shade._shade_lattice; offset (P, 3), inverse (P, M), normals (M, 3)
-    for p in numba.prange(normal.shape[0]):
+    for p in range(begin, end):
         out[p, 0] = out[p, 1] = out[p, 2] = ZERO
         frame, wo = k_frame(normal[p], tangent[p], view[p])
         if wo[2] <= ZERO:
             continue
         for j in range(lobes.shape[0]):
             pixel = k_lattice_pixel(wo, lobes[j], widths[j])
-            at, t, spread = pixel[:6], pixel[6], pixel[7] * texels
+            spread = pixel[7] * texels
             red = green = blue = ZERO * texels
             red_sum = green_sum = blue_sum = ZERO * texels
             for k in range(first[j], first[j + 1]):
                 kept, x, y, z, area, weight, schlick = k_lattice_tap(
-                    taps[k], lobes[j], at, t, wo, frame
+                    taps[k], lobes[j], pixel, wo, frame
                 )
                 if not kept:
                     continue
@@ -113,11 +115,11 @@ def shade_lattice(
     out: npt.NDArray[Any] = np.zeros((points.coverage.size, 3), dtype=dtype)
     for pick, (n, t, v, offset, inverse) in plane_chunks(points, planes, dtype):
         part = np.empty((len(pick), 3), dtype=dtype)
-        _shade_lattice_planes(
-            n, t, v, offset, inverse, normals, dtype(planes.width),
+        in_rows(
+            _shade_lattice_planes, len(n), n, t, v, offset, inverse, normals, dtype(planes.width),
             planes.footprint == "projected", table.taps, table.widths, table.first, table.lobes,
             table.ks, table.r0, table.white, table.law, table.texels, table.bias, table.steps,
-            *pyramid.kernel_arguments, part,
+            *pyramid.kernel_arguments, part, grain=64,
         )  # fmt: skip
         out[pick] = part
     return out.reshape(*points.shape, 3)

@@ -3,14 +3,16 @@
 For the lobe that a pixel sees (``frame``) and its taps (``table``), x = (s1 z1, s2 z2)::
 
     s = mean + x1 g1/s1 + x2 g2/s2,   wh = (s, 1)/|(s, 1)|,   wi = reflect(wo, wh)       (1)
-    w = w(t) exp(z.z/2 - (sx/mx)^2 - (sy/my)^2) (wi.n)^(1 - alpha) / (wh.n)               (2)
+    w = w(t) exp(z.z/2 - (sx/mx)^2 - (sy/my)^2) (wi.n) max(wi.n, tau s2)^-alpha / (wh.n)  (2)
     sigma^2 = (tau s2)^2 a/a0,   a = (wo.wh)(wh.n)^3, a0 its value at the mean            (3)
     L = ks R(wo) sum w F L_mip(wi, level) / sum w F                                       (4)
 
 (2) is the exact lobe, corrected for what the tap's own width adds: on the plane a sum of taps
 weighted w(t) makes a Gaussian of the lobe's spread, and exp(z.z/2) takes that Gaussian's place out
-again. R is the lobe's reflectivity, so a white environment comes out exactly, and samples below the
-horizon darken nothing. The level is that whose trilinear tap comes closest to a round Gaussian of
+again. Within a tap's own width of the horizon its cosine is a ramp whatever alpha is: else, for
+alpha = 1, a whole tap would go out where its middle sets. R is the lobe's reflectivity, so a white
+environment comes out as well as R is read, and samples below the horizon darken nothing. The level
+is that whose trilinear tap comes closest to a round Gaussian of
 width sigma: with u = sigma^2 over the variance of the level below, the mixture of variances 1 and 4
 nearest (least squares) to one of variance u has the fraction ::
 
@@ -29,12 +31,12 @@ import dataclasses
 import math
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check, tiles
-from .._jit import Scalar, parallel_kernel
+from .._jit import Scalar, row_kernel
+from .._threads import in_rows
 from ..brdf import Material
 from ..frames import SurfacePoints
 from ..pyramid import Pyramid, subtexel_steps
@@ -114,8 +116,10 @@ def lattice_table(
     )
 
 
-@parallel_kernel
+@row_kernel
 def _shade_lattice(
+    begin: int,
+    end: int,
     normal: FloatArray,
     tangent: FloatArray,
     view: FloatArray,
@@ -137,19 +141,19 @@ def _shade_lattice(
     out: FloatArray,
 ) -> None:
     # (P, 3) x3, then LatticeTable's arrays, then Pyramid's; out (P, 3)
-    for p in numba.prange(normal.shape[0]):
+    for p in range(begin, end):
         out[p, 0] = out[p, 1] = out[p, 2] = ZERO
         frame, wo = k_frame(normal[p], tangent[p], view[p])
         if wo[2] <= ZERO:
             continue
         for j in range(lobes.shape[0]):
             pixel = k_lattice_pixel(wo, lobes[j], widths[j])
-            at, t, spread = pixel[:6], pixel[6], pixel[7] * texels
+            spread = pixel[7] * texels
             red = green = blue = ZERO * pi
             red_sum = green_sum = blue_sum = ZERO * pi
             for k in range(first[j], first[j + 1]):
                 kept, x, y, z, area, weight, schlick = k_lattice_tap(
-                    taps[k], lobes[j], at, t, wo, frame
+                    taps[k], lobes[j], pixel, wo, frame
                 )
                 if not kept:
                     continue
@@ -223,10 +227,35 @@ def lattice(
     if tiled:
         seen, packed = points.packed
         log_size = np.int32(pyramid.size.bit_length() - 1)
-        shade_lattice_tiles(seen, packed, *shared, pi, buffer, log_size, out)
+        in_rows(
+            shade_lattice_tiles,
+            tiles.tiles_of(seen),
+            seen,
+            packed,
+            *shared,
+            pi,
+            buffer,
+            log_size,
+            out,
+            grain=4,
+        )
     else:
         for pick, (n, t, v) in chunks(points, np.flatnonzero(points.coverage), dtype):
             part = np.empty((len(pick), 3), dtype=dtype)
-            _shade_lattice(n, t, v, *shared, cast.steps, pi, buffer, chain, stride, part)
+            in_rows(
+                _shade_lattice,
+                len(n),
+                n,
+                t,
+                v,
+                *shared,
+                cast.steps,
+                pi,
+                buffer,
+                chain,
+                stride,
+                part,
+                grain=64,
+            )
             out[pick] = part
     return out.reshape(*points.shape, 3)

@@ -6,11 +6,10 @@ The sums of weights, with and without Schlick's term, are two more rows; exponen
 
 import math
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
-from .._jit import Scalar, kernel, parallel_kernel
+from .._jit import Scalar, kernel, row_kernel
 from .._lanes import bits, from_bits
 from ..tiles import (
     BX,
@@ -64,8 +63,8 @@ Int64Array = npt.NDArray[np.int64]
 
 # rows of the scratch array behind those of ``glossy.tiles``
 (MEAN_X, MEAN_Y, G1X, G1Y, G2X, G2Y, PLACE, SPREAD, SUM, SUM_EDGE, HX, HY, HZ, ACROSS_X,
- ACROSS_Y, EXPONENT) = (SCRATCH + T * k for k in range(16))  # fmt: skip
-ROOM = SCRATCH + 16 * T
+ ACROSS_Y, EXPONENT, RAMP) = (SCRATCH + T * k for k in range(17))  # fmt: skip
+ROOM = SCRATCH + 17 * T
 
 ZERO, HALF, ONE, TWO, FOUR = (np.float32(v) for v in (0.0, 0.5, 1.0, 2.0, 4.0))
 QUARTER = np.float32(0.25)
@@ -102,14 +101,15 @@ def _place_lobe(s: Float32Array, lobe: Float32Array, width: Float32Array, texels
         s[G1X + i], s[G1Y + i], s[G2X + i], s[G2Y + i] = g1x, g1y, g2x, g2y
         s[PLACE + i] = major / minor
         s[SPREAD + i] = s[SPREAD + i] * minor
+        s[RAMP + i] = minor
     for i in range(T):
         octaves = max(HALF * k_log2(s[PLACE + i]), ZERO)
         t = min(octaves, FOUR) * QUARTER
         beyond = max(octaves - FOUR, ZERO)
         s[PLACE + i] = t
-        s[SPREAD + i] = s[SPREAD + i] * k_exp2(
-            TWO * (w0 + t * (w1 + t * (w2 + t * (w3 + t * w4))) + beyond)
-        )
+        square = k_exp2(TWO * (w0 + t * (w1 + t * (w2 + t * (w3 + t * w4))) + beyond))
+        s[SPREAD + i] = s[SPREAD + i] * square
+        s[RAMP + i] = math.sqrt(max(s[RAMP + i] * square, TINY))
 
 
 @kernel
@@ -149,13 +149,13 @@ def _place_tap(s: Float32Array, sign: Scalar, lobe: Float32Array) -> None:
         s[GAIN + i] = weight * iz if kept else ZERO
     if alpha == HALF:
         for i in range(T):
-            s[GAIN + i] = s[GAIN + i] / math.sqrt(max(s[LEVEL + i], TINY))
+            s[GAIN + i] = s[GAIN + i] / math.sqrt(max(s[LEVEL + i], s[RAMP + i]))
     elif alpha == ONE:
         for i in range(T):
-            s[GAIN + i] = s[GAIN + i] / max(s[LEVEL + i], TINY)
+            s[GAIN + i] = s[GAIN + i] / max(s[LEVEL + i], s[RAMP + i])
     elif alpha != ZERO:
         for i in range(T):
-            power = k_exp2(-alpha * k_log2(max(s[LEVEL + i], TINY)))
+            power = k_exp2(-alpha * k_log2(max(s[LEVEL + i], s[RAMP + i])))
             s[GAIN + i] = s[GAIN + i] * power
 
 
@@ -205,8 +205,10 @@ def _levels(s: Float32Array, law: Float32Array, bias: Scalar, top: Scalar) -> No
         s[LEVEL + i] = level if level < top else top
 
 
-@parallel_kernel
+@row_kernel
 def shade_lattice_tiles(
+    begin: int,
+    end: int,
     pixels: Int64Array,
     vectors: Float32Array,
     taps: Float32Array,
@@ -226,7 +228,7 @@ def shade_lattice_tiles(
 ) -> None:
     """``shade._shade_lattice`` where ``glossy.tiles.fits``; adds to ``out``."""
     top = np.float32(log_size)
-    for tile in numba.prange((pixels.shape[0] + T - 1) // T):
+    for tile in range(begin, end):
         start = tile * T
         count = min(T, pixels.shape[0] - start)
         s = np.empty(ROOM, dtype=np.float32)

@@ -8,11 +8,10 @@ Only the grid has a kernel: it shares each row's exponential among all (r0, ks).
 parameter set after the other is quicker in NumPy, whose exponential takes several rows at a time.
 """
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
-from .._jit import Scalar, kernel, parallel_kernel
+from .._jit import Scalar, kernel, row_kernel
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -41,8 +40,10 @@ def k_transform(y: Scalar, metric: int) -> Scalar:
     return y
 
 
-@parallel_kernel
+@row_kernel
 def grid_kernel(
+    begin: int,
+    end: int,
     f: Float64Array,
     target: Float64Array,
     base: Float64Array,
@@ -59,7 +60,7 @@ def grid_kernel(
     its arithmetic; each sum runs over the rows in their order.
     """
     a, b = pairs[0], pairs[1]
-    for n in numba.prange(shapes.shape[0]):
+    for n in range(begin, end):
         total = np.zeros(pairs.shape[1])
         for k in range(target.size):
             p = k_shape(f, k, shapes[n, 0], shapes[n, 1], shapes[n, 2], ggx)

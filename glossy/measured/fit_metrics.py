@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _check
+from .._threads import in_rows
 from .fit_kernels import CUBIC_ROOT, L1, LOBE, LOG, grid_kernel
 from .fit_rows import Rows
 
@@ -73,7 +74,9 @@ def grid_errors(
     ``target`` (K,) and ``base`` (K,): what is to be met, and what the model already has, both y.
     """
     out = np.empty((len(shapes), pairs.shape[1]))
-    grid_kernel(
+    in_rows(
+        grid_kernel,
+        len(shapes),
         rows.features,
         _check.frozen(transform(target, code)),
         _check.frozen(base),

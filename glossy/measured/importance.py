@@ -20,12 +20,12 @@ wherever the function is, and so that the ratio of the two is bounded at grazing
 from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, kernel, parallel_kernel
+from .._jit import Scalar, kernel, row_kernel
+from .._threads import in_rows
 from ..frames import reflect, spherical
 from .disc import k_above
 
@@ -117,13 +117,31 @@ class ImportanceTable:
     def sample(self, xi: Float64Array, wo: Float64Array) -> Float64Array:
         """Directions (K, 3) for uniform numbers (K, 2) in [0, 1) and views (K, 3)."""
         out = np.empty((len(wo), 3))
-        _sample(_check.frozen(xi), _check.frozen(wo), out, self.turns, *self._arguments)
+        in_rows(
+            _sample,
+            len(wo),
+            _check.frozen(xi),
+            _check.frozen(wo),
+            out,
+            self.turns,
+            *self._arguments,
+            grain=512,
+        )
         return out
 
     def pdf(self, wi: Float64Array, wo: Float64Array) -> Float64Array:
         """Density (K,) [1/sr] of ``sample``, eq. (2)."""
         out = np.empty(len(wi))
-        _pdf(_check.frozen(wi), _check.frozen(wo), out, self.turns, *self._arguments)
+        in_rows(
+            _pdf,
+            len(wi),
+            _check.frozen(wi),
+            _check.frozen(wo),
+            out,
+            self.turns,
+            *self._arguments,
+            grain=1024,
+        )
         return out
 
 
@@ -157,8 +175,10 @@ def k_place(below: float, reached: float, u: float) -> Scalar:
     return min(max((u - below) / width, 0.0), 1.0 - 1e-12) if width > 0.0 else 0.5
 
 
-@parallel_kernel
+@row_kernel
 def _sample(
+    begin: int,
+    end: int,
     xi: Float64Array,
     wo: Float64Array,
     out: Float64Array,
@@ -169,7 +189,7 @@ def _sample(
     rows: Float64Array,
     columns: Float64Array,
 ) -> None:
-    for k in numba.prange(len(wo)):
+    for k in range(begin, end):
         x, y, z = wo[k, 0], wo[k, 1], wo[k, 2]
         side = 1.0 if z > 0.0 else -1.0
         views, weights = k_views(theta, turns, x, y, z)
@@ -230,8 +250,10 @@ def k_cell(x: float, y: float, z: float, turn: float) -> tuple[int, int, Scalar]
     return row, column, 2.0 * (high - low) * TWO_PI / COLUMNS
 
 
-@parallel_kernel
+@row_kernel
 def _pdf(
+    begin: int,
+    end: int,
     wi: Float64Array,
     wo: Float64Array,
     out: Float64Array,
@@ -242,7 +264,7 @@ def _pdf(
     rows: Float64Array,
     columns: Float64Array,
 ) -> None:
-    for k in numba.prange(len(wi)):
+    for k in range(begin, end):
         x, y, z = wo[k, 0], wo[k, 1], wo[k, 2]
         side = 1.0 if z > 0.0 else -1.0
         views, weights = k_views(theta, turns, x, y, z)

@@ -31,12 +31,12 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, kernel, parallel_kernel
+from .._jit import Scalar, kernel, row_kernel
+from .._threads import in_rows
 from .disc import Disc, build_disc, k_above, k_grid_nodes, k_triangle_nodes
 from .table import MeasuredTable
 
@@ -345,8 +345,10 @@ def k_interpolate(
             )  # fmt: skip
 
 
-@parallel_kernel
+@row_kernel
 def _evaluate(
+    begin: int,
+    end: int,
     wi: Float64Array,
     wo: Float64Array,
     aligned: bool,
@@ -365,7 +367,7 @@ def _evaluate(
     symmetry: int,
 ) -> None:
     # for wi, wo (K, 3), both above, into out (K, C)
-    for k in numba.prange(len(wi)):
+    for k in range(begin, end):
         ix, iy, ox, oy = wi[k, 0], wi[k, 1], wo[k, 0], wo[k, 1]
         a, b, c, d = k_fold(symmetry, ix, iy)
         k_interpolate(
@@ -381,7 +383,16 @@ def evaluate_block(
     """The measured function (K, C) for unit directions (K, 3) of the upper hemisphere."""
     out = np.zeros((len(wi), block.discs[0].values.shape[1]))
     aligned = interpolation == "half-vector"
-    _evaluate(_check.frozen(wi), _check.frozen(wo), aligned, out, *block.arguments())
+    in_rows(
+        _evaluate,
+        len(wi),
+        _check.frozen(wi),
+        _check.frozen(wo),
+        aligned,
+        out,
+        *block.arguments(),
+        grain=256,
+    )
     return out
 
 

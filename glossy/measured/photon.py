@@ -31,12 +31,12 @@ Colours: probabilities are those of the luminance, so a photon's power keeps its
 
 import dataclasses
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, kernel, parallel_kernel
+from .._jit import Scalar, kernel, row_kernel
+from .._threads import in_rows
 from ..truth.random import k_mix, k_unit
 from .disc import k_above
 from .importance import luminance
@@ -143,7 +143,18 @@ class PhotonTable:
             value = np.zeros(len(rows))
             block = side.block
             upper = _check.frozen(flat[rows] * [1.0, 1.0, si])
-            _shares(upper, block.theta, block.first, block.phi, block.symmetry, side.share, value)
+            in_rows(
+                _shares,
+                len(upper),
+                upper,
+                block.theta,
+                block.first,
+                block.phi,
+                block.symmetry,
+                side.share,
+                value,
+                grain=64,
+            )
             found[0 if si == so else 1, rows] = value
         found /= np.maximum(found.sum(axis=0), 1.0)
         return found[0].reshape(i.shape[:-1]), found[1].reshape(i.shape[:-1])
@@ -160,8 +171,8 @@ class PhotonTable:
                 block = side.block
                 axes = (block.theta, block.first, block.phi, block.symmetry)
                 share, top = np.zeros(len(rows)), np.zeros(len(rows))
-                _shares(upper, *axes, side.share, share)
-                _shares(upper, *axes, side.top, top)
+                in_rows(_shares, len(upper), upper, *axes, side.share, share, grain=64)
+                in_rows(_shares, len(upper), upper, *axes, side.top, top, grain=64)
                 lit = share > 0.0
                 tries[rows[lit]] = 2.0 * np.pi * top[lit] / share[lit]
         return tries.reshape(i.shape[:-1])
@@ -194,10 +205,12 @@ class PhotonTable:
             out, count = np.zeros((len(rows), 3)), np.zeros(len(rows), dtype=np.int64)
             common = (upper, _check.frozen(rows), seed, aligned, out, count)
             if method == "inversion":
-                _invert(*common, side.share, side.mass, side.first, *side.block.arguments())
+                tables = (side.share, side.mass, side.first, *side.block.arguments())
+                in_rows(_invert, len(rows), *common, *tables, grain=64)
             else:
                 scratch = np.zeros((len(rows), 1))
-                _reject(*common, scratch, side.top, *side.block.arguments())
+                tables = (scratch, side.top, *side.block.arguments())
+                in_rows(_reject, len(rows), *common, *tables, grain=64)
             wo[rows], tries[rows] = out * [1.0, 1.0, so], count
         fate[(fate != ABSORBED) & ~wo.any(axis=1)] = ABSORBED
         return Bounce(fate, wo, tries)
@@ -263,8 +276,10 @@ def _uniform(seed: int, out: Float64Array) -> None:
         out[k] = k_unit(k_mix(k_photon(seed, k), np.uint64(0)))
 
 
-@parallel_kernel
+@row_kernel
 def _shares(
+    begin: int,
+    end: int,
     wi: Float64Array,
     theta: Float64Array,
     first: IntArray,
@@ -274,7 +289,7 @@ def _shares(
     out: Float64Array,
 ) -> None:
     # sum_j v_j share_j for wi (K, 3) above
-    for k in numba.prange(len(wi)):
+    for k in range(begin, end):
         x, y = wi[k, 0], wi[k, 1]
         a, b, c, d = k_fold(symmetry, x, y)
         js, weights, _ = k_neighbours(
@@ -284,8 +299,10 @@ def _shares(
             out[k] += weights[n] * share[js[n]]
 
 
-@parallel_kernel
+@row_kernel
 def _reject(
+    begin: int,
+    end: int,
     wi: Float64Array,
     photons: IntArray,
     seed: int,
@@ -307,7 +324,7 @@ def _reject(
     grid_phi: Float64Array,
     symmetry: int,
 ) -> None:
-    for k in numba.prange(len(wi)):
+    for k in range(begin, end):
         x, y, z = wi[k, 0], wi[k, 1], wi[k, 2]
         a, b, c, d = k_fold(symmetry, x, y)
         ix, iy = a * x + b * y, c * x + d * y
@@ -334,8 +351,10 @@ def _reject(
                 break
 
 
-@parallel_kernel
+@row_kernel
 def _invert(
+    begin: int,
+    end: int,
     wi: Float64Array,
     photons: IntArray,
     seed: int,
@@ -358,7 +377,7 @@ def _invert(
     grid_phi: Float64Array,
     symmetry: int,
 ) -> None:
-    for k in numba.prange(len(wi)):
+    for k in range(begin, end):
         x, y, z = wi[k, 0], wi[k, 1], wi[k, 2]
         a, b, c, d = k_fold(symmetry, x, y)
         ix, iy = a * x + b * y, c * x + d * y

@@ -13,12 +13,12 @@ Source: Knuth et al., eq. 4.
 
 import math
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import parallel_kernel
+from .._jit import row_kernel
+from .._threads import in_rows
 from ..cubemap import CubeMap, texel_directions, texel_solid_angles
 from ..frames import normalise
 
@@ -27,8 +27,10 @@ SMALL = 1e-13  # of the peak: what is below adds nothing
 Float64Array = npt.NDArray[np.float64]
 
 
-@parallel_kernel
+@row_kernel
 def _integrate(
+    begin: int,
+    end: int,
     directions: Float64Array,
     exponent: float,
     least: float,
@@ -37,7 +39,7 @@ def _integrate(
     out: Float64Array,
 ) -> None:
     # (K, 3), s, smallest cosine, (M, 3) unit, (M, 3) radiance times solid angle, (K, 3)
-    for k in numba.prange(directions.shape[0]):
+    for k in range(begin, end):
         x, y, z = directions[k, 0], directions[k, 1], directions[k, 2]
         red = green = blue = 0.0
         for i in range(texels.shape[0]):
@@ -80,5 +82,7 @@ def cosine_radiance(
     light = radiance * texel_solid_angles(n)[:, :, None]
     flat = [_check.frozen(a.reshape(-1, 3)) for a in (d, normalise(texels), light)]
     out = np.empty(flat[0].shape)
-    _integrate(flat[0], s, math.exp(math.log(SMALL) / s), flat[1], flat[2], out)
+    in_rows(
+        _integrate, len(flat[0]), flat[0], s, math.exp(math.log(SMALL) / s), flat[1], flat[2], out
+    )
     return out.reshape(d.shape)

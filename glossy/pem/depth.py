@@ -12,12 +12,12 @@ rasterised, the other shapes met by rays.
 
 import dataclasses
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import parallel_kernel
+from .._jit import row_kernel
+from .._threads import in_rows
 from ..scenes.geometry import Geometry
 
 Float32Array = npt.NDArray[np.float32]
@@ -72,12 +72,14 @@ def light_space(geometry: Geometry, directions: npt.ArrayLike) -> LightSpace:
     return LightSpace(0.5 * (low + high), 0.5 * geometry.diagonal, light_frames(light))
 
 
-@parallel_kernel
-def _rasterise(corners: Float64Array, frames: Float64Array, depth: Float32Array) -> None:
+@row_kernel
+def _rasterise(
+    begin: int, end: int, corners: Float64Array, frames: Float64Array, depth: Float32Array
+) -> None:
     # (T, 3, 3) triangles in units of eq. (1), (R, 3, 3), (R, S, S): nearer z are written
     size = depth.shape[1]
     half = 0.5 * size
-    for r in numba.prange(frames.shape[0]):
+    for r in range(begin, end):
         p = np.empty((3, 3))
         for k in range(corners.shape[0]):
             for c in range(3):
@@ -118,7 +120,13 @@ def depth_maps(geometry: Geometry, space: LightSpace, size: int) -> Float32Array
             [mesh.corner, mesh.corner + mesh.edge1, mesh.corner + mesh.edge2], axis=1
         )
         corners = (corners - space.centre) / space.radius
-        _rasterise(_check.frozen(corners), _check.frozen(space.frames), depth)
+        in_rows(
+            _rasterise,
+            len(space.frames),
+            _check.frozen(corners),
+            _check.frozen(space.frames),
+            depth,
+        )
     if len(geometry.meshes) == len(geometry.kinds):
         return depth
     across = (np.arange(size) + 0.5) * (2.0 / size) - 1.0

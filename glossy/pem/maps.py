@@ -22,13 +22,13 @@ import dataclasses
 import functools
 import warnings
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
 from .._arguments import checked
-from .._jit import Scalar, kernel, parallel_kernel
+from .._jit import Scalar, kernel, row_kernel
+from .._threads import in_rows
 from ..cubemap import CubeMap
 from ..pyramid import FILTERS, STORAGES, Pyramid, build_pyramid
 from ..sampler import k_face_uv
@@ -99,8 +99,10 @@ def k_visible_rgb(
     return red, green, blue
 
 
-@parallel_kernel
+@row_kernel
 def _sample(
+    begin: int,
+    end: int,
     directions: FloatArray,
     levels: FloatArray,
     visibility: FloatArray,
@@ -110,7 +112,7 @@ def _sample(
     out: FloatArray,
 ) -> None:
     # (K, 3), (K,), (K, R), then PartialMaps.kernel_arguments, (K, 3)
-    for k in numba.prange(directions.shape[0]):
+    for k in range(begin, end):
         x, y, z = directions[k, 0], directions[k, 1], directions[k, 2]
         out[k, 0], out[k, 1], out[k, 2] = k_visible_rgb(
             x, y, z, levels[k], visibility[k], buffer, boxes, sizes
@@ -248,7 +250,7 @@ class PartialMaps:
         lod = _check.frozen(np.broadcast_to(lod, shape).reshape(-1))
         seen = _check.frozen(np.broadcast_to(seen, (*shape, seen.shape[-1])).reshape(len(flat), -1))
         out = np.empty((len(flat), 3), dtype=dtype)
-        _sample(flat, lod, seen, *self.kernel_arguments, out)
+        in_rows(_sample, len(flat), flat, lod, seen, *self.kernel_arguments, out, grain=512)
         return out.reshape(*shape, 3)
 
     def irradiance(

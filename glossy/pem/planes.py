@@ -12,12 +12,12 @@ A visibility is that of the regions as the cube map holds them, far away.
 from collections.abc import Mapping
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, kernel, parallel_kernel
+from .._jit import Scalar, kernel, row_kernel
+from .._threads import in_rows
 from ..brdf import Material
 from ..frames import SurfacePoints
 from ..parallax import k_redirect, plane_chunks
@@ -54,8 +54,10 @@ def _turned(
     return x, y, z, level
 
 
-@parallel_kernel
+@row_kernel
 def _shade_planes(
+    begin: int,
+    end: int,
     normal: FloatArray,
     tangent: FloatArray,
     view: FloatArray,
@@ -72,7 +74,7 @@ def _shade_planes(
     out: FloatArray,
 ) -> None:
     # as shade._shade_whole; offset (P, 3), inverse (P, M), normals (M, 3)
-    for p in numba.prange(normal.shape[0]):
+    for p in range(begin, end):
         out[p, 0] = out[p, 1] = out[p, 2] = ZERO
         frame, wo = k_frame(normal[p], tangent[p], view[p])
         if wo[2] <= ZERO:
@@ -89,8 +91,10 @@ def _shade_planes(
             out[p, 2] += (colours[j, 0, 2] * scale + colours[j, 1, 2] * bias) * b
 
 
-@parallel_kernel
+@row_kernel
 def _shade_planes_visible(
+    begin: int,
+    end: int,
     normal: FloatArray,
     tangent: FloatArray,
     view: FloatArray,
@@ -109,7 +113,7 @@ def _shade_planes_visible(
     out: FloatArray,
 ) -> None:
     # as _shade_planes, with visibility (P, R)
-    for p in numba.prange(normal.shape[0]):
+    for p in range(begin, end):
         out[p, 0] = out[p, 1] = out[p, 2] = ZERO
         frame, wo = k_frame(normal[p], tangent[p], view[p])
         if wo[2] <= ZERO:
@@ -156,11 +160,37 @@ def shade_maps(
         part = np.empty((len(pick), 3), dtype=dtype)
         if shares is None:
             buffer, chain, _ = maps.pyramid.kernel_arguments
-            _shade_planes(n, t, v, offset, inverse, *room, *shared, buffer, chain, part)
+            in_rows(
+                _shade_planes,
+                len(n),
+                n,
+                t,
+                v,
+                offset,
+                inverse,
+                *room,
+                *shared,
+                buffer,
+                chain,
+                part,
+                grain=64,
+            )
         else:
             seen = _check.frozen(shares[pick])
-            _shade_planes_visible(
-                n, t, v, offset, inverse, seen, *room, *shared, *maps.kernel_arguments, part
+            in_rows(
+                _shade_planes_visible,
+                len(n),
+                n,
+                t,
+                v,
+                offset,
+                inverse,
+                seen,
+                *room,
+                *shared,
+                *maps.kernel_arguments,
+                part,
+                grain=64,
             )
         out[pick] = part
     return out.reshape(*points.shape, 3)

@@ -33,12 +33,12 @@ Source: Knuth et al., eq. 5; (2) and (3) are ours.
 import functools
 import math
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, kernel, parallel_kernel
+from .._jit import Scalar, kernel, row_kernel
+from .._threads import in_rows
 from ..brdf import Material
 from ..frames import SurfacePoints
 from ..sampler import k_trilinear_rgb
@@ -86,8 +86,10 @@ def k_local_level(
     return level
 
 
-@parallel_kernel
+@row_kernel
 def _shade_whole(
+    begin: int,
+    end: int,
     normal: FloatArray,
     tangent: FloatArray,
     view: FloatArray,
@@ -99,7 +101,7 @@ def _shade_whole(
     out: FloatArray,
 ) -> None:
     # (P, 3) x3; lobes (L, 4): level, side, alpha, footprint; (L, ENTRIES, 2); (L, 2, 3); out (P, 3)
-    for p in numba.prange(normal.shape[0]):
+    for p in range(begin, end):
         out[p, 0] = out[p, 1] = out[p, 2] = ZERO
         frame, wo = k_frame(normal[p], tangent[p], view[p])
         if wo[2] <= ZERO:
@@ -114,8 +116,10 @@ def _shade_whole(
             out[p, 2] += (colours[j, 0, 2] * scale + colours[j, 1, 2] * bias) * b
 
 
-@parallel_kernel
+@row_kernel
 def _shade_visible(
+    begin: int,
+    end: int,
     normal: FloatArray,
     tangent: FloatArray,
     view: FloatArray,
@@ -129,7 +133,7 @@ def _shade_visible(
     out: FloatArray,
 ) -> None:
     # as _shade_whole, with visibility (P, R)
-    for p in numba.prange(normal.shape[0]):
+    for p in range(begin, end):
         out[p, 0] = out[p, 1] = out[p, 2] = ZERO
         frame, wo = k_frame(normal[p], tangent[p], view[p])
         if wo[2] <= ZERO:
@@ -234,9 +238,12 @@ def pem(
         part = np.empty((len(pick), 3), dtype=dtype)
         if shares is None:
             buffer, chain, _ = maps.pyramid.kernel_arguments
-            _shade_whole(*vectors, *shared, buffer, chain, part)
+            in_rows(_shade_whole, len(pick), *vectors, *shared, buffer, chain, part, grain=64)
         else:
             seen = _check.frozen(shares[pick])
-            _shade_visible(*vectors, seen, *shared, *maps.kernel_arguments, part)
+            in_rows(
+                _shade_visible, len(pick), *vectors, seen, *shared, *maps.kernel_arguments, part,
+                grain=64,
+            )  # fmt: skip
         out[pick] = part
     return out.reshape(*points.shape, 3)

@@ -34,12 +34,12 @@ Sources: Donnelly and Lauritzen 2006 (3); Lauritzen, GPU Gems 3, chapter 8 (4), 
 import dataclasses
 import math
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, kernel, parallel_kernel
+from .._jit import Scalar, kernel, row_kernel
+from .._threads import in_rows
 from ..frames import SurfacePoints
 from ..scenes.geometry import Geometry
 from .depth import LightSpace, depth_maps, light_space
@@ -56,9 +56,14 @@ MAX_SIZE = 4096
 LIGHTS = 24  # lights whose maps are worked on at a time
 
 
-@parallel_kernel
+@row_kernel
 def _blur(
-    source: Float32Array, weights: Float32Array, reach: Int64Array, out: Float32Array
+    begin: int,
+    end: int,
+    source: Float32Array,
+    weights: Float32Array,
+    reach: Int64Array,
+    out: Float32Array,
 ) -> None:
     """Blur rows of (C, S, S) across and write them as columns; beyond the map is ``FAR``.
 
@@ -66,7 +71,7 @@ def _blur(
     powers of FAR are 1.
     """
     size = source.shape[1]
-    for job in numba.prange(source.shape[0] * size):
+    for job in range(begin, end):
         c, row = job // size, job % size
         n = reach[c]
         line = np.ones(size + 2 * n, dtype=np.float32)
@@ -106,9 +111,10 @@ def blurred_moments(depth: Float32Array, sigma: Float64Array, storage: str) -> F
     count, _, size, _ = raw.shape
     flat, once = raw.reshape(2 * count, size, size), np.empty((2 * count, size, size), np.float32)
     frozen = _check.frozen(weights), _check.frozen(reach)
-    _blur(_check.frozen(flat), *frozen, once)
+    lines = flat.shape[0] * flat.shape[1]
+    in_rows(_blur, lines, _check.frozen(flat), *frozen, once, grain=16)
     twice = np.empty_like(once)
-    _blur(_check.frozen(_stored(once, storage)), *frozen, twice)
+    in_rows(_blur, lines, _check.frozen(_stored(once, storage)), *frozen, twice, grain=16)
     return _stored(twice, storage).reshape(count, 2, size, size)
 
 
@@ -132,8 +138,10 @@ def k_horizon(cosine: Scalar, theta: Scalar) -> Scalar:
     return 0.5 + (h * math.sqrt(1.0 - h * h) + math.asin(h)) / math.pi
 
 
-@parallel_kernel
+@row_kernel
 def _visibility(
+    begin: int,
+    end: int,
     places: Float64Array,
     normals: Float64Array,
     frames: Float64Array,
@@ -148,7 +156,7 @@ def _visibility(
     # (K, 3) in units of the light space, (K, 3), (R, 3, 3), (R,), (R, 2, S, S), ..., (K, R)
     size = moments.shape[2]
     texel = 2.0 / size
-    for k in numba.prange(places.shape[0]):
+    for k in range(begin, end):
         x, y, z = places[k, 0], places[k, 1], places[k, 2]
         for r in range(frames.shape[0]):
             f = frames[r]
@@ -221,7 +229,9 @@ class ShadowMaps:
         seen = np.flatnonzero(points.coverage)
         normal = points.normal.reshape(-1, 3)[seen]
         part = np.empty((len(x), len(self)), dtype=np.float32)
-        _visibility(
+        in_rows(
+            _visibility,
+            len(x),
             _check.frozen(x),
             _check.frozen(normal),
             _check.frozen(self.space.frames),
@@ -232,6 +242,7 @@ class ShadowMaps:
             self.bleeding,
             self.horizon,
             part,
+            grain=256,
         )
         if points.mask is None:
             return part.reshape(*points.shape, len(self))

@@ -25,12 +25,12 @@ Source: thesis sections 4.5.2 and 4.6.2. It leaves open what the sky does in (2)
 import dataclasses
 from collections.abc import Iterator
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, parallel_kernel
+from .._jit import Scalar, row_kernel
+from .._threads import in_rows
 from ..brdf import Lobe, Material
 from ..frames import SurfacePoints, to_local, to_world
 from ..pyramid import Pyramid
@@ -52,8 +52,10 @@ FIRST_PASS = 128  # samples; the total doubles from pass to pass
 CHUNK = 1 << 18  # samples held at a time
 
 
-@parallel_kernel
+@row_kernel
 def _refine(
+    begin: int,
+    end: int,
     offset: Float64Array,
     direction: Float64Array,
     weight: Float64Array,
@@ -77,7 +79,7 @@ def _refine(
     # places (H, W, 3): x - C';
     # shift as in ``shade``; state: found (K, 7) sums of N, x and their number, total (K, R, 3),
     # tally (K, 1 + KINDS)
-    for p in numba.prange(offset.shape[0]):
+    for p in range(begin, end):
         a = offset[p]
         ma = k_turn(matrix, a[0], a[1], a[2])
         row, column = k_own_pixel(ma, planes)
@@ -221,7 +223,8 @@ class Refinement:
         for start in range(0, len(self._seen), step):
             at = slice(start, start + step)
             direction, weight = self._draw(at, first, count)
-            _refine(
+            in_rows(
+                _refine, len(self._vectors[3][at] - camera.position),
                 f(self._vectors[3][at] - camera.position), f(direction), f(weight),
                 f(camera.matrix), buffer.planes, places, self.averaged, self.twice,
                 f(made.buffer), f(made.chain), self.fallback is not None, shift, cube, chain,

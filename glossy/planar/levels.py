@@ -18,12 +18,12 @@ half: here the levels stay in register.
 import dataclasses
 import itertools
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, kernel, parallel_kernel
+from .._jit import Scalar, kernel, row_kernel
+from .._threads import in_rows
 
 FloatArray = npt.NDArray[np.floating]
 Float32Array = npt.NDArray[np.float32]
@@ -41,11 +41,13 @@ CHANNELS = 4
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 
 
-@parallel_kernel
-def _halve(fine: Float32Array, coarse: Float32Array, weights: Float32Array) -> None:
+@row_kernel
+def _halve(
+    begin: int, end: int, fine: Float32Array, coarse: Float32Array, weights: Float32Array
+) -> None:
     # (h, w, 4), (ceil h/2, ceil w/2, 4), (taps/2,)
     height, width, half = fine.shape[0], fine.shape[1], weights.shape[0]
-    for row in numba.prange(coarse.shape[0]):
+    for row in range(begin, end):
         column = np.empty((width, CHANNELS), dtype=np.float32)
         for x in range(width):
             for c in range(CHANNELS):
@@ -106,8 +108,10 @@ def k_look_up(
     return r / a, g / a, b / a
 
 
-@parallel_kernel
+@row_kernel
 def _sample(
+    begin: int,
+    end: int,
     x: FloatArray,
     y: FloatArray,
     level: FloatArray,
@@ -115,7 +119,7 @@ def _sample(
     chain: Int64Array,
     out: FloatArray,
 ) -> None:
-    for k in numba.prange(x.shape[0]):
+    for k in range(begin, end):
         out[k, 0], out[k, 1], out[k, 2] = k_look_up(x[k], y[k], level[k], buffer, chain)
 
 
@@ -163,7 +167,17 @@ class Levels:
         arrays = list(np.broadcast_arrays(*arrays))
         px, py, lod = (_check.frozen(a.reshape(-1)) for a in arrays)
         out = np.empty((px.size, 3), dtype=dtype)
-        _sample(px, py, lod, _check.frozen(self.buffer), _check.frozen(self.chain), out)
+        in_rows(
+            _sample,
+            len(px),
+            px,
+            py,
+            lod,
+            _check.frozen(self.buffer),
+            _check.frozen(self.chain),
+            out,
+            grain=512,
+        )
         return out.reshape(*arrays[0].shape, 3)
 
 
@@ -207,5 +221,5 @@ def build_levels(
     levels[0][..., 3] = share
     taps = _check.frozen(np.array(KERNELS[filter], dtype=np.float32))
     for fine, coarse in itertools.pairwise(levels):
-        _halve(_check.frozen(fine), coarse, taps)
+        in_rows(_halve, len(coarse), _check.frozen(fine), coarse, taps)
     return made

@@ -28,12 +28,12 @@ Source: thesis section 4.5.2. What is done where it leaves a case open is ours.
 import dataclasses
 from typing import Self
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, kernel, parallel_kernel
+from .._jit import Scalar, kernel, row_kernel
+from .._threads import in_rows
 from .mirror import MirrorBuffer
 
 FloatArray = npt.NDArray[np.floating]
@@ -165,8 +165,10 @@ def k_map(
     return flags, x, y, far / (v[2] * v[2] * v[2]), s, c
 
 
-@parallel_kernel
+@row_kernel
 def _map(
+    begin: int,
+    end: int,
     offset: FloatArray,
     direction: FloatArray,
     matrix: FloatArray,
@@ -175,7 +177,7 @@ def _map(
     flags: Int64Array,
     out: FloatArray,
 ) -> None:
-    for k in numba.prange(offset.shape[0]):
+    for k in range(begin, end):
         w = (direction[k, 0], direction[k, 1], direction[k, 2])
         ma = k_turn(matrix, offset[k, 0], offset[k, 1], offset[k, 2])
         mw = k_turn(matrix, w[0], w[1], w[2])
@@ -255,7 +257,18 @@ def map_samples(
         _check.frozen(np.broadcast_to(v, shape).reshape(-1, 3)) for v in (x - camera.position, w)
     )
     flags, out = np.empty(len(offset), dtype=np.int64), np.empty((len(offset), 5))
-    _map(offset, along, _check.frozen(camera.matrix), buffer.planes, intersections == 2, flags, out)
+    in_rows(
+        _map,
+        len(offset),
+        offset,
+        along,
+        _check.frozen(camera.matrix),
+        buffer.planes,
+        intersections == 2,
+        flags,
+        out,
+        grain=256,
+    )
     lost = flags & BEHIND != 0
     out[lost, :2] = np.nan
     distance = np.divide(out[:, 3], out[:, 4], out=np.full(len(out), np.inf), where=out[:, 4] > 0.0)

@@ -27,12 +27,12 @@ import dataclasses
 import math
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, kernel, parallel_kernel
+from .._jit import Scalar, kernel, row_kernel
+from .._threads import in_rows
 from ..brdf import Lobe, Material
 from ..footprint import JACOBIAN
 from ..frames import SurfacePoints
@@ -137,8 +137,10 @@ def k_ellipse(
     return area
 
 
-@parallel_kernel
+@row_kernel
 def _shade(
+    begin: int,
+    end: int,
     normal: FloatArray,
     tangent: FloatArray,
     view: FloatArray,
@@ -171,7 +173,7 @@ def _shade(
     # taps' cells bear the cube map's N^2; shift (3,): C' - its centre; tally (P, 1 + KINDS)
     height, width = type(pi)(planes.shape[0]), type(pi)(planes.shape[1])
     diagonal = np.sqrt(height * height + width * width)
-    for p in numba.prange(normal.shape[0]):
+    for p in range(begin, end):
         out[p, 0] = out[p, 1] = out[p, 2] = ZERO
         for c in range(tally.shape[1]):
             tally[p, c] = 0
@@ -300,11 +302,12 @@ def shade_counted(
         offset = _check.frozen((position[pick] - camera.position).astype(dtype))
         part = np.empty((len(pick), 3), dtype=dtype)
         tally = np.empty((len(pick), 1 + len(KINDS)), dtype=np.int64)
-        _shade(
-            n, t, v, offset, table.taps, table.first, ends, table.lobes, table.ks, table.r0, mean,
+        in_rows(
+            _shade, len(n), n, t, v, offset, table.taps, table.first, ends, table.lobes, table.ks,
+            table.r0, mean,
             rule, table.bias, spread, intersections == 2, dtype(math.pi), matrix, planes,
             _check.frozen(made.buffer), _check.frozen(made.chain), fallback is not None, shift,
-            *spare.pyramid.kernel_arguments, tally, part,
+            *spare.pyramid.kernel_arguments, tally, part, grain=64,
         )  # fmt: skip
         out[pick] = part
         counted += tally.sum(axis=0)

@@ -30,12 +30,12 @@ the rule (2), (3) is ours.
 import functools
 import math
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import parallel_kernel
+from .._jit import row_kernel
+from .._threads import in_rows
 from ..cubemap import CubeMap, texel_directions
 from ..frames import normalise
 from ..splitsum.chain import k_face_axes
@@ -155,23 +155,25 @@ def chord_table(angles: Float64Array, profile: Float64Array) -> tuple[Float64Arr
 # --- the sum --------------------------------------------------------------------------------------
 
 
-@parallel_kernel
+@row_kernel
 def _sum_nodes(
+    begin: int,
+    end: int,
     directions: Float64Array,
     at: Float64Array,
     weight: Float64Array,
     padded: Float32Array,
     table: Float64Array,
     per_unit: float,
-    end: float,
+    radius: float,
     out: Float64Array,
 ) -> None:
     # (K, 3) unit; (n,) x2; (6, N+2, N+2, 3); (T, 3) over |r - l|/2; its end; S(L), S(1) (K, 6)
     size = padded.shape[1] - 2
     last = table.shape[0] - 2
-    most = math.sin(0.5 * end) ** 2
-    sine = math.sin(end) if end < 0.5 * math.pi else 1.0
-    for k in numba.prange(directions.shape[0]):
+    most = math.sin(0.5 * radius) ** 2
+    sine = math.sin(radius) if radius < 0.5 * math.pi else 1.0
+    for k in range(begin, end):
         x, y, z = directions[k, 0], directions[k, 1], directions[k, 2]
         r0 = r1 = r2 = w0 = w1 = w2 = 0.0
         for face in range(6):
@@ -264,7 +266,9 @@ def filter_directions(
     table, per_unit = chord_table(a, p)
     sums = np.empty((d.size // 3, 6))
     axes = _check.frozen(d.reshape(-1, 3))
-    _sum_nodes(axes, at, weight, cube.padded, table, per_unit, float(a[-1]), sums)
+    in_rows(
+        _sum_nodes, len(axes), axes, at, weight, cube.padded, table, per_unit, float(a[-1]), sums
+    )
     norm = np.where(sums[:, 3:] > 0.0, sums[:, 3:], 1.0)
     return np.asarray((volume(a, p) * sums[:, :3] / norm).reshape(d.shape))
 

@@ -23,12 +23,12 @@ Representation for Irradiance Environment Maps". The grid, the bound and its use
 import itertools
 import math
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import kernel, parallel_kernel
+from .._jit import kernel, row_kernel
+from .._threads import in_rows
 from ..cubemap import CubeMap, face_directions
 from ..frames import normalise
 from .exact import at_angles, nodes
@@ -84,11 +84,13 @@ def _spread(directions: Float64Array, mass: Float64Array, grid: Float64Array) ->
                 cell[2] += w * mass[k, 2]
 
 
-@parallel_kernel
-def _read(directions: Float64Array, grid: Float64Array, out: Float64Array) -> None:
+@row_kernel
+def _read(
+    begin: int, end: int, directions: Float64Array, grid: Float64Array, out: Float64Array
+) -> None:
     """Interpolate a grid with ghosts (rows, cols, 3) at directions (K, 3)."""
     rows = grid.shape[0] - 2 * GHOSTS
-    for k in numba.prange(directions.shape[0]):
+    for k in range(begin, end):
         row, b, col, a = k_place(directions[k, 0], directions[k, 1], directions[k, 2], rows)
         across, down = k_six(a), k_six(b)
         r0 = r1 = r2 = 0.0
@@ -144,11 +146,13 @@ def k_next(
         before[i], now[i] = now[i], value
 
 
-@parallel_kernel
-def _analyse(cosines: Float64Array, sums: Float64Array, out: Float64Array) -> None:
+@row_kernel
+def _analyse(
+    begin: int, end: int, cosines: Float64Array, sums: Float64Array, out: Float64Array
+) -> None:
     # (H,) of the northern rows; (M, 2, H, 6) even and odd sums of north and south; (L, M, 6)
     sines = np.sqrt(1.0 - cosines * cosines)
-    for m in numba.prange(out.shape[1]):
+    for m in range(begin, end):
         before, now = np.empty(cosines.shape[0]), np.empty(cosines.shape[0])
         k_start(m, sines, before, now)
         for degree in range(m, out.shape[0]):
@@ -163,13 +167,18 @@ def _analyse(cosines: Float64Array, sums: Float64Array, out: Float64Array) -> No
             k_next(degree, m, cosines, before, now)
 
 
-@parallel_kernel
+@row_kernel
 def _synthesise(
-    cosines: Float64Array, coefficients: Float64Array, factors: Float64Array, out: Float64Array
+    begin: int,
+    end: int,
+    cosines: Float64Array,
+    coefficients: Float64Array,
+    factors: Float64Array,
+    out: Float64Array,
 ) -> None:
     # (H,); (L, M, 6); lambda (l_max + 1, 6); even and odd parts (M, 2, H, 6), added to
     sines = np.sqrt(1.0 - cosines * cosines)
-    for m in numba.prange(factors.shape[0]):
+    for m in range(begin, end):
         before, now = np.empty(cosines.shape[0]), np.empty(cosines.shape[0])
         k_start(m, sines, before, now)
         for degree in range(m, factors.shape[0]):
@@ -187,10 +196,12 @@ def _synthesise(
             k_next(degree, m, cosines, before, now)
 
 
-@parallel_kernel
-def _zonal(cosines: Float64Array, weighted: Float64Array, out: Float64Array) -> None:
+@row_kernel
+def _zonal(
+    begin: int, end: int, cosines: Float64Array, weighted: Float64Array, out: Float64Array
+) -> None:
     # (Q,); p times weights (B, Q, C); lambda (B, L, C): one block of nodes each, added up later
-    for block in numba.prange(weighted.shape[0]):
+    for block in range(begin, end):
         for i in range(weighted.shape[1]):
             x, before, now = cosines[block, i], 0.0, 1.0
             for degree in range(out.shape[1]):
@@ -219,7 +230,7 @@ def zonal_factors(angles: Float64Array, profile: Float64Array, count: int) -> Fl
     values = np.pad(values, ((0, spare), (0, 0))).reshape(blocks, -1, profile.shape[1])
     cosines = np.pad(np.cos(at.reshape(-1)), (0, spare)).reshape(blocks, -1)
     out = np.zeros((blocks, count, profile.shape[1]))
-    _zonal(_check.frozen(cosines), _check.frozen(values), out)
+    in_rows(_zonal, len(values), _check.frozen(cosines), _check.frozen(values), out)
     return np.asarray(out.sum(axis=0))
 
 
@@ -252,7 +263,7 @@ class MapHarmonics:
         sums = np.stack([north + south, north - south]).transpose(2, 0, 1, 3)
         parts = _check.frozen(np.concatenate([sums.real, sums.imag], axis=-1))
         self.coefficients = np.zeros((count, count, 6))
-        _analyse(self._cosines(rows), parts, self.coefficients)
+        in_rows(_analyse, self.coefficients.shape[1], self._cosines(rows), parts, self.coefficients)
         each = np.square(self.coefficients)
         each[:, 1:] *= 2.0  # orders -m
         own = each.sum(axis=1)
@@ -273,12 +284,19 @@ class MapHarmonics:
         both = np.broadcast_to(factors, (degrees, 3))
         parts = np.zeros((degrees, 2, rows // 2, 6))
         own, six = _check.frozen(self.coefficients), _check.frozen(np.hstack([both, both]))
-        _synthesise(self._cosines(rows), own, six, parts)
+        in_rows(_synthesise, len(six), self._cosines(rows), own, six, parts)
         even, odd = (parts[..., :3] + 1j * parts[..., 3:]).transpose(1, 2, 0, 3)
         spectrum = np.concatenate([even + odd, (even - odd)[::-1]])
         full = np.zeros((rows, rows + 1, 3), dtype=np.complex128)
         full[:, :degrees] = spectrum
         grid = np.fft.irfft(full, n=2 * rows, axis=1) * (2.0 * rows)
         out = np.empty(directions.shape)
-        _read(_check.frozen(directions), _check.frozen(with_ghosts(grid)), out)
+        in_rows(
+            _read,
+            len(directions),
+            _check.frozen(directions),
+            _check.frozen(with_ghosts(grid)),
+            out,
+            grain=512,
+        )
         return out

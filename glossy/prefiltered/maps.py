@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from .. import _check
 from .._arguments import checked
+from .._threads import in_rows
 from ..cubemap import MAX_SIZE, CubeMap, texel_directions
 from ..sampler import sample_chain
 from ..seams import PAD, fold_table, k_fill_seams
@@ -87,8 +88,18 @@ class FilteredStack:
         at = _check.frozen((low + share).reshape(-1).astype(dtype))
         flat = _check.frozen(d.reshape(-1, 3))
         switches = (True, True, True, True)
-        sample_chain(
-            flat, at, self.buffer, self.chain, 4, dtype(0.0), *switches, out.reshape(-1, 3)
+        in_rows(
+            sample_chain,
+            len(flat),
+            flat,
+            at,
+            self.buffer,
+            self.chain,
+            4,
+            dtype(0.0),
+            *switches,
+            out.reshape(-1, 3),
+            grain=512,
         )
         return out
 

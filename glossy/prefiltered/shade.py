@@ -14,12 +14,12 @@ Source: Kautz and McCool 2000, section 5.
 from collections.abc import Mapping
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, kernel, parallel_kernel
+from .._jit import Scalar, kernel, row_kernel
+from .._threads import in_rows
 from ..brdf import Material
 from ..cubemap import CubeMap
 from ..frames import SurfacePoints
@@ -92,8 +92,10 @@ def k_mix(rows: FloatArray, i: Scalar, f: Scalar, column: Scalar) -> Scalar:
     return rows[i, column] + f * (rows[j, column] - rows[i, column])
 
 
-@parallel_kernel
+@row_kernel
 def _shade_stack(
+    begin: int,
+    end: int,
     seen: npt.NDArray[np.intp],
     packed: FloatArray,
     rows: FloatArray,
@@ -104,7 +106,7 @@ def _shade_stack(
     out: FloatArray,
 ) -> None:
     # (P,) places in out, (9, P); FilteredStack's rows (K, 7), buffer and chain; out added to
-    for k in numba.prange(seen.shape[0]):
+    for k in range(begin, end):
         a, p = packed, seen[k]
         point = (a[0, k], a[1, k], a[2, k], a[3, k], a[4, k], a[5, k], a[6, k], a[7, k], a[8, k])
         c, i, f, x, y, z = k_axis(point, rows, turned)
@@ -118,8 +120,10 @@ def _shade_stack(
         out[p, 2] += factor * k_mix(rows, i, f, 4) * blue
 
 
-@parallel_kernel
+@row_kernel
 def _shade_stack_planes(
+    begin: int,
+    end: int,
     normal: FloatArray,
     tangent: FloatArray,
     view: FloatArray,
@@ -135,7 +139,7 @@ def _shade_stack_planes(
     out: FloatArray,
 ) -> None:
     # (P, 3) x4, inverse (P, M), normals (M, 3); then as _shade_stack
-    for p in numba.prange(normal.shape[0]):
+    for p in range(begin, end):
         n, t, v = normal[p], tangent[p], view[p]
         point = (n[0], n[1], n[2], t[0], t[1], t[2], v[0], v[1], v[2])
         c, i, f, x, y, z = k_axis(point, rows, turned)
@@ -194,12 +198,12 @@ def prefiltered(
     if precision == "single":
         seen, packed = points.packed
         for lobe in lobes:
-            _shade_stack(seen, packed, *lobe, out)
+            in_rows(_shade_stack, len(seen), seen, packed, *lobe, out, grain=64)
         return out.reshape(*points.shape, 3)
     for pick, vectors in chunks(points, np.flatnonzero(points.coverage), dtype):
         packed = np.asarray(_check.frozen(np.concatenate(vectors, axis=1).T))
         for lobe in lobes:
-            _shade_stack(_check.frozen(pick), packed, *lobe, out)
+            in_rows(_shade_stack, len(pick), _check.frozen(pick), packed, *lobe, out, grain=64)
     return out.reshape(*points.shape, 3)
 
 
@@ -231,7 +235,20 @@ def shade_prefiltered(
     for pick, (n, t, v, offset, inverse) in plane_chunks(points, planes, dtype):
         part: npt.NDArray[Any] = np.zeros((len(pick), 3), dtype=dtype)
         for lobe in lobes:
-            _shade_stack_planes(n, t, v, offset, inverse, normals, width, *lobe, part)
+            in_rows(
+                _shade_stack_planes,
+                len(n),
+                n,
+                t,
+                v,
+                offset,
+                inverse,
+                normals,
+                width,
+                *lobe,
+                part,
+                grain=64,
+            )
         out[pick] = part
     return out.reshape(*points.shape, 3)
 

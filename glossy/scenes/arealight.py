@@ -13,12 +13,12 @@ so a point that sees all of the light has no sampling error.
 
 import math
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, kernel, parallel_kernel
+from .._jit import Scalar, kernel, row_kernel
+from .._threads import in_rows
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -33,8 +33,10 @@ def _edge(ax: Scalar, ay: Scalar, az: Scalar, bx: Scalar, by: Scalar, bz: Scalar
     return math.atan2(length, ax * bx + ay * by + az * bz) * cz / length
 
 
-@parallel_kernel
+@row_kernel
 def _towards(
+    begin: int,
+    end: int,
     points: Float64Array,
     normals: Float64Array,
     corner: Float64Array,
@@ -51,7 +53,7 @@ def _towards(
     lz = edges[0, 0] * edges[1, 1] - edges[0, 1] * edges[1, 0]
     area = math.sqrt(lx * lx + ly * ly + lz * lz)
     lx, ly, lz = lx / area, ly / area, lz / area
-    for k in numba.prange(points.shape[0]):
+    for k in range(begin, end):
         px, py, pz = corner[0] - points[k, 0], corner[1] - points[k, 1], corner[2] - points[k, 2]
         nx, ny, nz = normals[k, 0], normals[k, 1], normals[k, 2]
         distance[k], weight[k], whole[k] = 1.0, 0.0, 0.0
@@ -132,5 +134,5 @@ def towards(
     place, up, corner, sides, number = (
         _check.frozen(a) for a in (points, normals, corners[0], edges, xi)
     )
-    _towards(place, up, corner, sides, number, *out)
+    in_rows(_towards, len(place), place, up, corner, sides, number, *out, grain=64)
     return out

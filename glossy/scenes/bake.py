@@ -15,13 +15,13 @@ independent sets, whose scatter gives the standard error.
 
 from collections.abc import Callable, Iterable
 
-import numba
 import numpy as np
 import numpy.typing as npt
 from scipy.stats import qmc
 
 from .. import _check
-from .._jit import parallel_kernel
+from .._jit import row_kernel
+from .._threads import in_rows
 from ..pyramid import Pyramid
 from .arealight import towards
 from .geometry import Geometry, Hits
@@ -42,10 +42,12 @@ MAX_RAYS = 1 << 29
 SUBTEXEL = 4  # a checker is averaged over this many points a side of a texel
 
 
-@parallel_kernel
-def _hemisphere(normals: Float64Array, xi: Float64Array, out: Float64Array) -> None:
+@row_kernel
+def _hemisphere(
+    begin: int, end: int, normals: Float64Array, xi: Float64Array, out: Float64Array
+) -> None:
     # (K, 3), (N, 2) -> (K, 3): cosine-weighted directions; normal k takes xi[k % N]
-    for k in numba.prange(normals.shape[0]):
+    for k in range(begin, end):
         nx, ny, nz = normals[k, 0], normals[k, 1], normals[k, 2]
         sign = np.copysign(1.0, nz)
         a = -1.0 / (sign + nz)
@@ -60,11 +62,18 @@ def _hemisphere(normals: Float64Array, xi: Float64Array, out: Float64Array) -> N
         out[k, 2] = -x * sign * nx - y * ny + z * nz
 
 
-@parallel_kernel
-def _gather(met: Int32Array, outgoing: Float64Array, replicates: int, out: Float64Array) -> None:
+@row_kernel
+def _gather(
+    begin: int,
+    end: int,
+    met: Int32Array,
+    outgoing: Float64Array,
+    replicates: int,
+    out: Float64Array,
+) -> None:
     # met (B, N): texel each ray hit or -1; outgoing (T, 3) -> out (R, B, 3): sums of replicates
     share = met.shape[1] // replicates
-    for t in numba.prange(met.shape[0]):
+    for t in range(begin, end):
         for r in range(replicates):
             red, green, blue = 0.0, 0.0, 0.0
             for k in range(r * share, (r + 1) * share):
@@ -264,7 +273,15 @@ def bake(
                 wraps = bool(plan.charts[plan.first[j] + part, 3])
                 _fill(mean[a:b], good[a:b], h, w, wraps)
         values[where] = mean
-        _gather(_check.frozen(met), _check.frozen(rho * values), REPLICATES, sums)
+        in_rows(
+            _gather,
+            len(met),
+            _check.frozen(met),
+            _check.frozen(rho * values),
+            REPLICATES,
+            sums,
+            grain=256,
+        )
     if len(where) and values[where].any():
         each = (total + sums) / np.maximum(count, 1.0)[..., None]
         spread = each[:, good].var(axis=0, ddof=1) / REPLICATES
@@ -307,7 +324,14 @@ class _FirstLight:
         n = len(self.numbers)
         start = points + self.geometry.offset * normals
         along = np.empty_like(start)
-        _hemisphere(_check.frozen(normals), _check.frozen(self.numbers[:, 2:4]), along)
+        in_rows(
+            _hemisphere,
+            len(normals),
+            _check.frozen(normals),
+            _check.frozen(self.numbers[:, 2:4]),
+            along,
+            grain=512,
+        )
         hits = self.world.cast(_check.frozen(start), _check.frozen(along))
         inside = self.closed[hits.object] & ~hits.front & hits.found
         hits = _remapped(hits, self.index)

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _check
+from .._threads import in_rows
 from ..frames import dot, normalise
 from . import intersect
 from .mesh import TriangleMesh
@@ -197,9 +198,8 @@ class Geometry:
         o, count = _check.frozen(o), len(o)
         limit = np.broadcast_to(np.asarray(far, dtype=np.float64), (count,))
         distance, found = np.empty(count), np.empty(count, dtype=np.int64)
-        intersect.closest(
-            o, d, _check.frozen(limit), float(near), skip,
-            self._kinds, self._inverses, self._ratios, self._bounds, distance, found,
+        in_rows(intersect.closest, len(o), o, d, _check.frozen(limit), float(near), skip,
+            self._kinds, self._inverses, self._ratios, self._bounds, distance, found, grain=256,
         )  # fmt: skip
         position, normal, tangent = (np.zeros((count, 3)) for _ in range(3))
         uv, part = np.zeros((count, 2)), np.zeros(count, dtype=np.int64)
@@ -212,10 +212,11 @@ class Geometry:
             rays, t = rays[nearer], t[nearer]
             distance[rays], found[rays], part[rays] = t, j, triangle[nearer]
             uv[rays] = place[nearer]
-        intersect.details(
-            o, d, _check.frozen(distance), _check.frozen(found), self._kinds,
+        in_rows(
+            intersect.details, len(o), o, d, _check.frozen(distance), _check.frozen(found),
+            self._kinds,
             _check.frozen(self.forwards), self._inverses, self._ratios,
-            position, normal, tangent, uv, part, front,
+            position, normal, tangent, uv, part, front, grain=256,
         )  # fmt: skip
         for j, mesh in self.meshes.items():
             rays = np.flatnonzero(found == j)
@@ -229,9 +230,8 @@ class Geometry:
         """Distance (K,) to what rays as ``cast`` takes them meet first, meshes left out; inf."""
         distance, found = np.empty(len(o)), np.empty(len(o), dtype=np.int64)
         far = _check.frozen(np.broadcast_to(np.inf, (len(o),)))
-        intersect.closest(
-            o, d, far, 0.0, -1,
-            self._kinds, self._inverses, self._ratios, self._bounds, distance, found,
+        in_rows(intersect.closest, len(o), o, d, far, 0.0, -1,
+            self._kinds, self._inverses, self._ratios, self._bounds, distance, found, grain=256,
         )  # fmt: skip
         return distance
 
@@ -262,9 +262,8 @@ class Geometry:
         """``occluded`` for rays as ``cast`` takes them."""
         limit = np.broadcast_to(np.asarray(far, dtype=np.float64), (len(o),))
         out = np.zeros(len(o), dtype=bool)
-        intersect.blocked(
-            o, d, _check.frozen(limit), float(near), skip,
-            self._kinds, self._inverses, self._ratios, self._bounds, out,
+        in_rows(intersect.blocked, len(o), o, d, _check.frozen(limit), float(near), skip,
+            self._kinds, self._inverses, self._ratios, self._bounds, out, grain=256,
         )  # fmt: skip
         for j, mesh in self.meshes.items():
             if j == skip:

@@ -17,11 +17,10 @@ which bisection with Newton steps finds to rounding.
 
 import math
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
-from .._jit import Scalar, kernel, parallel_kernel
+from .._jit import Scalar, kernel, row_kernel
 from .shapes import BOX, MESH, RECTANGLE, SPHERE, TORUS
 
 Float64Array = npt.NDArray[np.float64]
@@ -169,15 +168,17 @@ def _meets_bounds(o: Triple, d: Triple, bounds: Float64Array, far: Scalar) -> bo
     return bool(along > 0.0 and square - along * along <= bounds[3])
 
 
-@parallel_kernel
+@row_kernel
 def meets_box(
+    begin: int,
+    end: int,
     origins: Float64Array,
     directions: Float64Array,
     box: Float64Array,
     out: npt.NDArray[np.bool_],
 ) -> None:
     """Whether each ray (K, 3) meets the box between two corners (2, 3)."""
-    for k in numba.prange(origins.shape[0]):
+    for k in range(begin, end):
         enter, leave = 0.0, math.inf
         for i in range(3):
             o, d = origins[k, i], directions[k, i]
@@ -190,8 +191,10 @@ def meets_box(
         out[k] = enter <= leave
 
 
-@parallel_kernel
+@row_kernel
 def closest(
+    begin: int,
+    end: int,
     origins: Float64Array,
     directions: Float64Array,
     far: Float64Array,
@@ -208,7 +211,7 @@ def closest(
 
     Rays (K, 3) with far (K,); shapes (M,), (M, 3, 4), (M,), (M, 4); results (K,).
     """
-    for k in numba.prange(origins.shape[0]):
+    for k in range(begin, end):
         o = (origins[k, 0], origins[k, 1], origins[k, 2])
         d = (directions[k, 0], directions[k, 1], directions[k, 2])
         best, which = math.inf, -1
@@ -223,8 +226,10 @@ def closest(
         distance[k], found[k] = best, which
 
 
-@parallel_kernel
+@row_kernel
 def blocked(
+    begin: int,
+    end: int,
     origins: Float64Array,
     directions: Float64Array,
     far: Float64Array,
@@ -237,7 +242,7 @@ def blocked(
     out: npt.NDArray[np.bool_],
 ) -> None:
     """Whether each ray meets any shape in (near, far)."""
-    for k in numba.prange(origins.shape[0]):
+    for k in range(begin, end):
         o = (origins[k, 0], origins[k, 1], origins[k, 2])
         d = (directions[k, 0], directions[k, 1], directions[k, 2])
         out[k] = False
@@ -291,8 +296,10 @@ def _surface(kind: Scalar, p: Triple, ratio: Scalar) -> tuple[Triple, Triple, Sc
     return normal, tangent, _turn(x, z), v + 1.0 if v < 0.0 else v, 0
 
 
-@parallel_kernel
+@row_kernel
 def details(
+    begin: int,
+    end: int,
     origins: Float64Array,
     directions: Float64Array,
     distance: Float64Array,
@@ -312,7 +319,7 @@ def details(
 
     Rectangles face the ray, closed shapes outwards. Rays that found nothing or a mesh are left.
     """
-    for k in numba.prange(origins.shape[0]):
+    for k in range(begin, end):
         j = found[k]
         if j < 0 or kinds[j] == MESH:
             continue

@@ -11,12 +11,12 @@ leaves a diffuse surface is ::
 import dataclasses
 import math
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, kernel, parallel_kernel
+from .._jit import Scalar, kernel, row_kernel
+from .._threads import in_rows
 from ..frames import normalise
 from .geometry import Geometry, Hits
 from .model import ObjectScene
@@ -130,8 +130,10 @@ def _corners(position: Scalar, size: Scalar, wraps: Scalar) -> tuple[int, int, S
     return max(low, 0), min(low + 1, size - 1), weight
 
 
-@parallel_kernel
+@row_kernel
 def _leaving(
+    begin: int,
+    end: int,
     found: Int64Array,
     part: Int64Array,
     uv: Float64Array,
@@ -146,7 +148,7 @@ def _leaving(
 ) -> None:
     # (K,), (K,), (K, 2), (M,), (M,), (C, 5), (T, 3), factor and glow (O, 3), checkers (O, 5):
     # repeats (0 for none) and its factor -> glow + factor E (K, 3); meshes and misses are left
-    for k in numba.prange(found.shape[0]):
+    for k in range(begin, end):
         j = found[k]
         if j < 0 or j >= factor.shape[0] or kinds[j] == MESH:
             continue
@@ -167,8 +169,10 @@ def _leaving(
             out[k, x] = glow[j, x] + share * (top * (1.0 - b) + low * b)
 
 
-@parallel_kernel
+@row_kernel
 def _nearest(
+    begin: int,
+    end: int,
     found: Int64Array,
     part: Int64Array,
     uv: Float64Array,
@@ -179,7 +183,7 @@ def _nearest(
     out: Int64Array,
 ) -> None:
     # texel (K,) nearest to each hit on one of the first ``objects``, -1 elsewhere and on meshes
-    for k in numba.prange(found.shape[0]):
+    for k in range(begin, end):
         j = found[k]
         out[k] = -1
         if j >= 0 and j < objects and kinds[j] != MESH:
@@ -193,9 +197,10 @@ def nearest_texel(geometry: Geometry, plan: Layout, hits: Hits, objects: int) ->
     """Index (K,) of the texel nearest to each hit on the first ``objects``, else -1."""
     out = np.empty(len(hits.object), dtype=np.int64)
     f = _check.frozen
-    _nearest(
-        f(hits.object), f(hits.part), f(hits.uv), f(geometry.kinds), f(plan.first), f(plan.charts),
-        objects, out,
+    in_rows(
+        _nearest, len(hits.object), f(hits.object), f(hits.part), f(hits.uv), f(geometry.kinds),
+        f(plan.first), f(plan.charts),
+        objects, out, grain=512,
     )  # fmt: skip
     for j, start in plan.meshes.items():
         on = np.flatnonzero(hits.object == j)
@@ -241,9 +246,10 @@ class LightMaps:
         emission = self._emission if glow else np.zeros_like(self._emission)
         checkers = self._checkers if glow else np.zeros_like(self._checkers)
         f = _check.frozen
-        _leaving(
-            f(found), f(part), f(uv), f(self.geometry.kinds), f(self.plan.first),
-            f(self.plan.charts), f(self.values), f(factor), f(emission), f(checkers), out,
+        in_rows(
+            _leaving, len(found), f(found), f(part), f(uv), f(self.geometry.kinds),
+            f(self.plan.first), f(self.plan.charts), f(self.values), f(factor), f(emission),
+            f(checkers), out, grain=512,
         )  # fmt: skip
         for j, start in self.plan.meshes.items():
             on = np.flatnonzero(found == j)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from .. import _check
 from .._files import check_regular
+from .._threads import in_rows
 from ..frames import dot
 from .intersect import meets_box
 from .mesh_files import read_mesh
@@ -102,7 +103,15 @@ class TriangleMesh:
         pad = 1e-6 * float(np.max(np.abs([low, high])))
         out = np.empty(len(origins), dtype=bool)
         box = _check.frozen(np.stack([low - pad, high + pad]))
-        meets_box(_check.frozen(origins), _check.frozen(directions), box, out)
+        in_rows(
+            meets_box,
+            len(origins),
+            _check.frozen(origins),
+            _check.frozen(directions),
+            box,
+            out,
+            grain=1024,
+        )
         return np.flatnonzero(out)
 
     def closest(

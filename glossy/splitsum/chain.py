@@ -28,13 +28,13 @@ Vazquez, Heidrich and Seidel 2000 for prefiltered maps of any lobe. (3) and (4) 
 import math
 from collections.abc import Iterable
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
 from .._arguments import checked
-from .._jit import kernel, parallel_kernel
+from .._jit import kernel, row_kernel
+from .._threads import in_rows
 from ..cubemap import CubeMap, texel_solid_angles
 from ..sampler import sample_chain
 from ..seams import PAD, fold_table, k_fill_seams
@@ -98,8 +98,10 @@ def k_from_axes(face: int, s: float, t: float, axis: float) -> tuple[float, floa
     return -s, -t, -axis
 
 
-@parallel_kernel
+@row_kernel
 def _prefilter(
+    begin: int,
+    end: int,
     source: Float64Array,
     scale: Float64Array,
     narrow: Float64Array,
@@ -110,7 +112,7 @@ def _prefilter(
     # (6, n, n, 4) omega times radiance, omega; 1/|(s, t, 1)| (n, n); m^2/m'^2 (n, n);
     # K over (1 - c) per_unit, 0 at the end; level with its rings (6, n + 2 PAD, n + 2 PAD, 4)
     n, last = source.shape[1], profile.shape[0] - 1
-    for k in numba.prange(6 * n * n):
+    for k in range(begin, end):
         face, row, col = k // (n * n), (k // n) % n, k % n
         stretch = per_unit * narrow[row, col]
         least = max(1.0 - last / stretch, -1.0)
@@ -231,7 +233,7 @@ class SplitSumChain:
         scale = 1.0 / np.sqrt(1.0 + edge[:, None] ** 2 + edge**2)
         profile, per_unit = lobe_profile(m)
         texels, scale, narrow, values = (_check.frozen(a) for a in (source, scale, narrow, profile))
-        _prefilter(texels, scale, narrow, values, per_unit, level)
+        in_rows(_prefilter, 6 * n * n, texels, scale, narrow, values, per_unit, level)
 
     def _source(self, n: int) -> Float64Array:
         """Radiance times solid angle, and solid angle, of n texels an edge: (6, n, n, 4)."""
@@ -273,8 +275,21 @@ class SplitSumChain:
         flat = _check.frozen(d.reshape(-1, 3))
         levels = _check.frozen(np.full(len(flat), share, dtype=dtype))
         steps = dtype(0.0)
-        sample_chain(
-            flat, levels, buffer, chain, 4, steps, True, True, True, True, out.reshape(-1, 3)
+        in_rows(
+            sample_chain,
+            len(flat),
+            flat,
+            levels,
+            buffer,
+            chain,
+            4,
+            steps,
+            True,
+            True,
+            True,
+            True,
+            out.reshape(-1, 3),
+            grain=512,
         )
         return out
 

@@ -8,12 +8,12 @@ with e = 0), and "projected" is refused.
 from collections.abc import Mapping
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, parallel_kernel
+from .._jit import Scalar, row_kernel
+from .._threads import in_rows
 from ..brdf import Material
 from ..frames import SurfacePoints
 from ..parallax import k_redirect, plane_chunks
@@ -28,8 +28,10 @@ FloatArray = npt.NDArray[np.floating]
 ZERO = np.float32(0.0)
 
 
-@parallel_kernel
+@row_kernel
 def _shade_lobe_planes(
+    begin: int,
+    end: int,
     normal: FloatArray,
     tangent: FloatArray,
     view: FloatArray,
@@ -50,7 +52,7 @@ def _shade_lobe_planes(
     out: FloatArray,
 ) -> None:
     # as shade._shade_lobe; offset (P, 3), inverse (P, M), normals (M, 3); out (P, 3) added to
-    for p in numba.prange(normal.shape[0]):
+    for p in range(begin, end):
         frame, wo = k_frame(normal[p], tangent[p], view[p])
         woz = wo[2]
         if woz <= ZERO:
@@ -100,8 +102,9 @@ def shade_chain(
     for pick, (n, t, v, offset, inverse) in plane_chunks(points, planes, dtype):
         part: npt.NDArray[Any] = np.zeros((len(pick), 3), dtype=dtype)
         for row in rows:
-            _shade_lobe_planes(
-                n, t, v, offset, inverse, normals, dtype(planes.width), *row, part
+            in_rows(
+                _shade_lobe_planes, len(n), n, t, v, offset, inverse, normals, dtype(planes.width),
+                *row, part, grain=64
             )  # fmt: skip
         out[pick] = part
     return out.reshape(*points.shape, 3)

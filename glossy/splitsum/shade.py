@@ -39,12 +39,12 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import Scalar, kernel, parallel_kernel
+from .._jit import Scalar, kernel, row_kernel
+from .._threads import in_rows
 from ..albedo import unit_integrals
 from ..brdf import Lobe, Material
 from ..cubemap import CubeMap
@@ -115,8 +115,10 @@ def k_albedo(albedo: FloatArray, alpha: Scalar, woz: Scalar) -> tuple[Scalar, Sc
     return scale, bias
 
 
-@parallel_kernel
+@row_kernel
 def _shade_lobe(
+    begin: int,
+    end: int,
     normal: FloatArray,
     tangent: FloatArray,
     view: FloatArray,
@@ -133,7 +135,7 @@ def _shade_lobe(
     out: FloatArray,
 ) -> None:
     # (P, 3) x3; (K, 4); albedo (ENTRIES, 2) times cos_o^alpha; colour (2, 3); out (P, 3) added to
-    for p in numba.prange(normal.shape[0]):
+    for p in range(begin, end):
         frame, wo = k_frame(normal[p], tangent[p], view[p])
         woz = wo[2]
         if woz <= ZERO:
@@ -260,7 +262,7 @@ def _run(points: SurfacePoints, rows: list[LobeRow], dtype: type) -> FloatArray:
     for pick, (n, t, v) in chunks(points, np.flatnonzero(points.coverage), dtype):
         part: npt.NDArray[Any] = np.zeros((len(pick), 3), dtype=dtype)
         for row in rows:
-            _shade_lobe(n, t, v, *row, part)
+            in_rows(_shade_lobe, len(n), n, t, v, *row, part, grain=64)
         out[pick] = part
     return out.reshape(*points.shape, 3)
 

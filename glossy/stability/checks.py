@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .._threads import using
 from ..brdf import Lobe, Material
 from ..cubemap import CubeMap, face_directions
 from ..frames import SurfacePoints, normalise, to_world
 from ..pyramid import Pyramid, build_pyramid
 from ..reference import reference
 from ..shading import TABLES, shade
-from ..study.measure import one_thread
 from . import cases, twin
 from .cases import ShadeCase
 
@@ -98,7 +98,7 @@ def points_of(cosines: tuple[float, ...], frame: str, seed: int = 1) -> SurfaceP
     return SurfacePoints(normal, tangent, to_world(local, tangent, normal))
 
 
-@one_thread()  # a few dozen points: waking another thread takes longer than their work
+@using(1)  # a few dozen points: waking another thread takes longer than their work
 def check_shade(case: ShadeCase) -> Result:
     """Both kernels in single precision against double, double against the extended twin."""
     pyramid = _pyramid(case.map, case.size)
@@ -316,7 +316,7 @@ def refusals() -> Iterator[Result]:
         yield judge("refused", name, {}, {}, {"refused in one line": refused})
 
 
-@one_thread()
+@using(1)
 def run(progress: Callable[[Any], Any] = iter) -> tuple[list[Result], list[dict[str, Any]]]:
     """Everything: results in the order of the catalogue, and the furnace table."""
     results = [check_shade(case) for case in progress(cases.SHADE)]

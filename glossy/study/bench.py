@@ -18,11 +18,12 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import methods
+from .._threads import using
 from ..frames import SurfacePoints
 from ..render import actual_samples
 from ..shading import shade
 from . import preparation
-from .measure import Judge, best_bias, one_thread, timed
+from .measure import Judge, best_bias, timed
 from .preparation import Preparation
 from .settings import PREPARED, Case, MethodSpec, Plan, cpu_model, threshold_for
 
@@ -285,7 +286,7 @@ class Bench:
         search: list[tuple[float, float]] = []
         if bias_kind == "best":
             few = self.points[self.subset]
-            with one_thread():  # too few pixels to share
+            with using(1):  # too few pixels to share
                 bias, search = best_bias(
                     lambda b: judge.rms(self.image(case, method, budget, b, few), self.subset)
                 )

@@ -10,15 +10,15 @@ pixel summed over its channels, L a luminance ::
 An error that alternates from pixel to pixel like white noise has roughness 1, a smooth one less.
 """
 
-import contextlib
 import dataclasses
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
+
+from .._threads import using
 
 FloatArray = npt.NDArray[np.floating]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -177,7 +177,7 @@ def timed(run: Callable[[], Any], baseline: Callable[[], Any], repeats: int) -> 
     base: list[float] = []
     calls: list[int] = []
     result = None
-    with one_thread():
+    with using(1):
         for _ in range(repeats):
             count = 0
             clock, start = time.perf_counter(), time.process_time()
@@ -193,14 +193,3 @@ def timed(run: Callable[[], Any], baseline: Callable[[], Any], repeats: int) -> 
             calls.append(count)
     ratio = min(cpu) / max(min(base), 1e-9)
     return result, Timing(float(np.median(wall)), wall, calls, min(cpu), ratio)
-
-
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """Kernels run on one thread meanwhile; their results are the same on any number."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
-        yield
-    finally:
-        numba.set_num_threads(before)

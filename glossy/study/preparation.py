@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .measure import one_thread
+from .._threads import using
 
 if TYPE_CHECKING:
     from ..brdf import Material
@@ -115,7 +115,7 @@ def measure(
         Its arrays are not counted: the environment.
     """
     other = wider(material)
-    with one_thread():
+    with using(1):
         shade(material, prepare(material))  # compiles
         made, making = spent(lambda: prepare(material))
         _, first = spent(lambda: shade(material, made))

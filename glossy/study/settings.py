@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from .. import _check
+from .._threads import threads
 
 if TYPE_CHECKING:
     from ..brdf import Material
@@ -299,15 +300,5 @@ def machine() -> dict[str, Any]:
         "system": platform.platform(),
         "cpu": cpu_model(),
         "cores": os.cpu_count(),
-        "threads": numba.get_num_threads(),
-        "threading_layer": _threading_layer(),
+        "threads": threads(),
     }
-
-
-def _threading_layer() -> str:
-    import numba
-
-    try:
-        return str(numba.threading_layer())  # type: ignore[attr-defined]
-    except ValueError:  # no parallel kernel has run yet
-        return "not started"

@@ -23,8 +23,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from .. import _check
+from .._threads import using
 from .bench import Bench, Cell, Truth
-from .measure import one_thread
 from .run import Step, Study, Work
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def _truth(bench: Bench, index: int, wanted: dict[str, str]) -> dict[str, Any]:
     from distributed import get_worker
 
     _check_versions(wanted, get_worker().address)
-    with _ONE_TASK, one_thread():
+    with _ONE_TASK, using(1):
         return bench.truth(bench.plan.cases[index])
 
 
@@ -71,7 +71,7 @@ def _cell(
 
     _check_versions(wanted, get_worker().address)
     case = bench.plan.cases[index]
-    with _ONE_TASK, one_thread():
+    with _ONE_TASK, using(1):
         return bench.measure(case, *bench.wanted[case.name][place], Truth.of(arrays), loaded=True)
 
 

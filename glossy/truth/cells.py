@@ -27,12 +27,12 @@ import dataclasses
 import math
 import weakref
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from .. import _check
-from .._jit import kernel, parallel_kernel
+from .._jit import kernel, row_kernel
+from .._threads import in_rows
 from ..cubemap import CubeMap
 
 Float32Array = npt.NDArray[np.float32]
@@ -77,8 +77,10 @@ def k_block_index(level: int, face: int, row: int, col: int) -> int:
     return 2 * ((1 << (2 * level)) - 1) + (face << (2 * level)) + (row << level) + col
 
 
-@parallel_kernel
+@row_kernel
 def _leaf_weights(
+    begin: int,
+    end: int,
     padded: Float32Array,
     edge: Float64Array,
     texel: IntArray,
@@ -92,7 +94,7 @@ def _leaf_weights(
     side = 1 << level
     pieces = texel.shape[0]
     half = 0.5 * (padded.shape[1] - 2)
-    for row_of_blocks in numba.prange(6 * side):
+    for row_of_blocks in range(begin, end):
         face, i = row_of_blocks // side, row_of_blocks % side
         basis_t, line, value = np.empty(P), np.empty((P, 3)), np.empty(3)
         line_mass, line_square = np.empty(3), np.empty(3)
@@ -157,14 +159,20 @@ def k_radiance(
         out[ch] = top * (1.0 - y) + low * y
 
 
-@parallel_kernel
+@row_kernel
 def _parent_weights(
-    edge: Float64Array, level: int, weights: Float64Array, mass: Float64Array, rough: Float64Array
+    begin: int,
+    end: int,
+    edge: Float64Array,
+    level: int,
+    weights: Float64Array,
+    mass: Float64Array,
+    rough: Float64Array,
 ) -> None:
     # eq. (3): fills the blocks of `level` from those of `level + 1`
     side = 1 << level
     pieces = edge.shape[0] - 1
-    for row_of_blocks in numba.prange(6 * side):
+    for row_of_blocks in range(begin, end):
         face, i = row_of_blocks // side, row_of_blocks % side
         basis_s, basis_t = np.empty((2, P, P)), np.empty((2, P, P))
         line = np.empty((P, 3))
@@ -219,11 +227,13 @@ def _child_bases(edge: Float64Array, first: int, middle: int, last: int, out: Fl
             k_lagrange((x - mid) * scale, out[half, j])
 
 
-@parallel_kernel
-def _roughness(edge: Float64Array, level: int, weights: Float64Array, rough: Float64Array) -> None:
+@row_kernel
+def _roughness(
+    begin: int, end: int, edge: Float64Array, level: int, weights: Float64Array, rough: Float64Array
+) -> None:
     # eq. (4), in place of the integrals of (L J)^2
     pieces = edge.shape[0] - 1
-    for row_of_blocks in numba.prange(6 << level):
+    for row_of_blocks in range(begin, end):
         face, i = row_of_blocks >> level, row_of_blocks & ((1 << level) - 1)
         height = edge[(i + 1) * pieces >> level] - edge[i * pieces >> level]
         line = np.empty(P)
@@ -302,11 +312,11 @@ def build_tree(cube: CubeMap) -> RadianceTree:
     weights = np.empty((blocks, P * P, 3))
     mass, rough = np.empty((blocks, 3)), np.empty((blocks, 3))
     edge, texel = _check.frozen(edge), _check.frozen(texel)
-    _leaf_weights(cube.padded, edge, texel, level, weights, mass, rough)
+    in_rows(_leaf_weights, 6 << level, cube.padded, edge, texel, level, weights, mass, rough)
     for parent in range(level - 1, -1, -1):
-        _parent_weights(edge, parent, weights, mass, rough)
+        in_rows(_parent_weights, 6 << parent, edge, parent, weights, mass, rough)
     for any_level in range(level + 1):
-        _roughness(edge, any_level, weights, rough)
+        in_rows(_roughness, 6 << any_level, edge, any_level, weights, rough)
     weights, mass, rough = _check.frozen(weights), _check.frozen(mass), _check.frozen(rough)
     return RadianceTree(cube.padded, edge, texel, level, weights, mass, rough)
 

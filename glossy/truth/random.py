@@ -10,13 +10,13 @@ of the bit-reversed number (Laine and Karras 2011; constants of N. Vegdahl), the
 digital shift, and their bits below 2^-32 are filled at random.
 """
 
-import numba
 import numpy as np
 import numpy.typing as npt
 from scipy.stats import qmc
 
 from .. import _check
-from .._jit import kernel, parallel_kernel
+from .._jit import kernel, row_kernel
+from .._threads import in_rows
 
 Float64Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -73,9 +73,11 @@ def _scramble(x: np.uint64, seed: np.uint64) -> np.uint64:
     return _reverse(x)
 
 
-@parallel_kernel
-def _uniform(seed: int, points: IntArray, first: int, out: Float64Array) -> None:
-    for i in numba.prange(points.shape[0]):
+@row_kernel
+def _uniform(
+    begin: int, end: int, seed: int, points: IntArray, first: int, out: Float64Array
+) -> None:
+    for i in range(begin, end):
         start = k_mix(k_mix(np.uint64(0), np.uint64(seed)), np.uint64(points[i]))
         for j in range(out.shape[1]):
             state = k_mix(start, np.uint64(first + j))
@@ -83,12 +85,18 @@ def _uniform(seed: int, points: IntArray, first: int, out: Float64Array) -> None
                 out[i, j, d] = k_unit(k_mix(state, np.uint64(d)))
 
 
-@parallel_kernel
+@row_kernel
 def _sobol(
-    seed: int, points: IntArray, first: int, base: npt.NDArray[np.uint64], out: Float64Array
+    begin: int,
+    end: int,
+    seed: int,
+    points: IntArray,
+    first: int,
+    base: npt.NDArray[np.uint64],
+    out: Float64Array,
 ) -> None:
     # base (S, D): 32-bit integers; out (K, replicates, S, D)
-    for i in numba.prange(points.shape[0]):
+    for i in range(begin, end):
         start = k_mix(k_mix(np.uint64(1), np.uint64(seed)), np.uint64(points[i]))
         for r in range(out.shape[1]):
             own = k_mix(start, np.uint64(r))
@@ -108,7 +116,7 @@ def uniform(seed: int, points: IntArray, first: int, count: int, dimensions: int
     """
     out = np.empty((len(points), count, dimensions))
     with np.errstate(over="ignore"):  # uncompiled, NumPy warns of the wrap-around that is meant
-        _uniform(seed, _check.frozen(points), first, out)
+        in_rows(_uniform, len(points), seed, _check.frozen(points), first, out, grain=1024)
     return out
 
 
@@ -130,5 +138,5 @@ def sobol(
     base = _check.frozen((plain * 2.0**32).astype(np.uint64))
     out = np.empty((len(points), replicates, count, dimensions))
     with np.errstate(over="ignore"):
-        _sobol(seed, _check.frozen(points), first, base, out)
+        in_rows(_sobol, len(points), seed, _check.frozen(points), first, base, out, grain=1024)
     return out

@@ -20,11 +20,11 @@ until the errors' sum is below the tolerance or the work is spent; what remains 
 
 import math
 
-import numba
 import numpy as np
 
 from .. import _check
-from .._jit import kernel, parallel_kernel
+from .._jit import kernel, row_kernel
+from .._threads import in_rows
 from ..brdf import PackedMaterial
 from .blocks import (
     COL,
@@ -190,8 +190,10 @@ def k_pop(keys: Float64Array, slots: IntArray, n: int) -> int:
     return int(first)
 
 
-@parallel_kernel
+@row_kernel
 def _integrate(
+    begin: int,
+    end: int,
     frames: Float64Array,
     views: Float64Array,
     lobe: Float64Array,
@@ -216,7 +218,7 @@ def _integrate(
     points = views.shape[0]
     chunks = min(points, CHUNKS)
     room = min(work // 8, ROOM) + 64
-    for chunk in numba.prange(chunks):
+    for chunk in range(begin, end):
         blocks = np.empty((room, 8), np.int64)
         values, errors = np.empty((room, 3)), np.empty((room, 3))
         keys, heap, free = np.empty(room), np.empty(room, np.int64), np.empty(room, np.int64)
@@ -346,7 +348,9 @@ def integrate(
             jobs.append((lobe, False, rest, -rest, ks))
     for done, (lobe, diffuse, plain, schlick, albedo) in enumerate(jobs, start=1):
         floor = FLOOR * float(albedo @ level0)
-        _integrate(
+        in_rows(
+            _integrate,
+            min(len(views), CHUNKS),
             frames,
             views,
             _check.frozen(lobe),
