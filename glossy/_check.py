@@ -57,6 +57,21 @@ def array(name: str, value: npt.ArrayLike, dtype: type = np.float64) -> npt.NDAr
         raise fail(name, "must be an array of real numbers", value) from None
 
 
+def real(
+    name: str, value: npt.ArrayLike, rule: str = "must be an array of real numbers"
+) -> npt.NDArray[Any]:
+    """An array of real numbers or truth values, in its own type."""
+    if np.ma.is_masked(value):
+        raise fail(name, "must not have masked elements", value)
+    try:
+        raw = np.asarray(value)
+    except (TypeError, ValueError, RecursionError):
+        raise fail(name, rule, value) from None
+    if raw.dtype.kind not in "biuf":
+        raise fail(name, rule, value)
+    return raw
+
+
 def frozen(value: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """A read-only C-ordered view: kernel inputs all take this form.
 
@@ -171,12 +186,10 @@ def first_place(where: npt.NDArray[np.bool_]) -> str:
 
 def truth_values(name: str, value: npt.ArrayLike) -> npt.NDArray[np.bool_]:
     """An array of True and False, a C-ordered copy; of numbers, 0 is False."""
-    try:
-        raw = np.asarray(value)
-    except (TypeError, ValueError, RecursionError):
-        raw = np.asarray(None)
-    if raw.dtype.kind not in "biuf" or np.ma.is_masked(value) or np.any(raw != raw):
-        raise fail(name, "must be an array of truth values", value)
+    rule = "must be an array of truth values"
+    raw = real(name, value, rule)
+    if np.any(raw != raw):
+        raise fail(name, rule, value)
     return np.array(raw, dtype=bool, order="C")
 
 

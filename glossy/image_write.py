@@ -129,20 +129,13 @@ def _exr_planes(channels: Mapping[str, npt.ArrayLike], dtype: type) -> dict[str,
         if not isinstance(key, str) or not 0 < len(key) < 256 or "\0" in key:
             raise _check.fail("channels", "must be named by 1 to 255 characters", key)
         label = f"channels[{key!r}]"
-        raw = _real(label, value)
+        raw = _check.real(label, value)
         if raw.ndim != 2 or raw.size == 0:
             raise _check.fail(label, "must have shape (H, W) with pixels", raw.shape)
         if planes and raw.shape != next(iter(planes.values())).shape:
             raise _check.fail(label, "must have the shape of the other channels", raw.shape)
         planes[key] = _narrow(label, raw, dtype)
     return planes
-
-
-def _real(name: str, value: npt.ArrayLike) -> Plane:
-    raw = np.asarray(value)
-    if raw.dtype.kind not in "fiub":
-        raise _check.fail(name, "must be an array of real numbers", raw.dtype)
-    return raw
 
 
 def _narrow(name: str, raw: Plane, dtype: type) -> Plane:
@@ -193,7 +186,7 @@ def write_image(
     """
     suffix = os.path.splitext(os.fspath(path))[1].lower()
     _check.choice("path suffix", suffix, (".exr", ".hdr", ".png", ".jpg", ".jpeg"))
-    raw = _real("pixels", pixels)
+    raw = _check.real("pixels", pixels)
     raw = raw[..., None] if raw.ndim == 2 else raw
     sizes = (1, 3, 4) if suffix == ".exr" else (1, 3)
     if raw.ndim != 3 or raw.size == 0 or raw.shape[2] not in sizes:
@@ -323,7 +316,7 @@ def write_animation(
     milliseconds = max(round(1000.0 * _check.positive("seconds", seconds)), 1)
     stack: list[Plane] = []
     for i, frame in enumerate(frames):
-        raw = _real(f"frames[{i}]", frame)
+        raw = _check.real(f"frames[{i}]", frame)
         if raw.ndim != 3 or raw.shape[2] != 3 or raw.size == 0:
             raise _check.fail(f"frames[{i}]", "must have shape (H, W, 3)", raw.shape)
         if stack and raw.shape != stack[0].shape:

@@ -220,6 +220,8 @@ def compare(
         raise _check.fail("a, b", "must have one shape", [first.shape, second.shape])
     number = first.shape[2]
     names = _default_names(number) if channels is None else tuple(channels)
+    if not all(isinstance(own, str) for own in names):
+        raise _check.fail("channels", f"must be {number} different names", channels)
     if len(names) != number or len(set(names)) != number:
         raise _check.fail("channels", f"must be {number} different names", channels)
     pairs = [{n: v[..., i] for i, n in enumerate(names)} for v in (first, second)]
@@ -355,12 +357,7 @@ def _measure(
 
 
 def _image(name: str, value: npt.ArrayLike) -> Plane:
-    try:
-        raw = np.asarray(value)
-    except ValueError:
-        raise _check.fail(name, "must be an array of real numbers", value) from None
-    if raw.dtype.kind not in "fiub":
-        raise _check.fail(name, "must be an array of real numbers", raw.dtype)
+    raw = _check.real(name, value)
     if raw.ndim not in (2, 3) or raw.size == 0:
         raise _check.fail(name, "must have shape (H, W) or (H, W, C) with values", raw.shape)
     return raw if raw.ndim == 3 else raw[..., None]

@@ -178,9 +178,9 @@ def _cell(value: npt.ArrayLike | None, n: int) -> float | Float64Array | None:
     """A positive number, or n of them, read-only."""
     if value is None:
         return None
-    if np.ndim(value) == 0:
-        return _check.positive("cell", value)
     cells = np.array(_check.array("cell", value), dtype=np.float64)
+    if cells.ndim == 0:
+        return _check.positive("cell", value)
     if cells.shape != (n,):
         raise _check.fail("cell", f"must be a number or have shape ({n},)", cells.shape)
     if not (np.all(np.isfinite(cells)) and np.all(cells > 0.0)):
