@@ -19,7 +19,8 @@ PARTS = {"white": [0], "fresnel": [0, 1], "rest": [2]}
 
 EQUATIONS: list[Equation] = [
     ("s = mean + z1 g1 + z2 g2, wh = (s, 1) / |(s, 1)|", "(4)", ""),
-    ("w = w_k exp(|z|^2 / 2 - (sx/mx)^2 - (sy/my)^2) (wi.n)^(1-alpha) / (wh.n)", "", ""),
+    ("w = w_k exp(|z|^2 / 2 - (sx/mx)^2 - (sy/my)^2) (wi.n) / (wh.n)", "", ""),
+    ("  / max(wi.n, tau s2)^alpha: a ramp within a tap's width of the horizon", "", ""),
     ("L = ks R sum w F L_mip / sum w F, R: the lobe's albedo for ks = 1", "(5)", ""),
     ("texels = (tau s2)^2 a / a0 N^2 / 4 d^3, a = (wo.wh) (wh.n)^3: variance", "(6)", ""),
     ("level = the one whose tap is closest to a Gaussian of that variance", "(7)", ""),
@@ -100,6 +101,8 @@ let tau: f32 = exp2(${{C}}_WIDTH[0] + t * (${{C}}_WIDTH[1] + t * (${{C}}_WIDTH[2
     + t * (${{C}}_WIDTH[3] + t * ${{C}}_WIDTH[4]))) + max(octaves - 4.0, 0.0));
 let spread: f32 = tau * tau * minor / a0 * size * size / 4.0;
 """.splitlines()
+
+RAMP = ["let ramp: f32 = tau * sqrt(max(minor, 1e-30));  // width of a tap"]
 
 PLACE = f"""\
 let at: i32 = {TERMS} * k;
@@ -185,7 +188,7 @@ def part(lobe: ShaderLobe, *, samples: int = 14, bias: float = 0.0, filter: str 
         size=len(taps),
         constants=constants,
         horizon="left out of both sums",
-        before=[SIZE, *FRAME, *_sums(lobe)],
+        before=[SIZE, *FRAME, *(RAMP if beta < 1.0 else []), *_sums(lobe)],
         place=PLACE,
         tap=[*TAP, *_weigh(lobe, beta)],
         after=_scaled(lobe, kind, beta, long=white.shape[1] > 1),
@@ -200,8 +203,9 @@ def _sums(lobe: ShaderLobe) -> list[str]:
 
 def _weigh(lobe: ShaderLobe, beta: float) -> list[str]:
     """The lines of the loop that add a sample to both sums."""
-    cosine = "" if beta == 0.0 else " * wi.z" if beta == 1.0 else " * pow(wi.z, ${C}_BETA)"
-    weight = f"exp(power) * stretch{cosine}"
+    held = "max(wi.z, ramp)"
+    share = f" / {held}" if beta == 0.0 else f" * pow({held}, ${{C}}_BETA - 1.0)"
+    weight = f"exp(power) * stretch * wi.z{'' if beta == 1.0 else share}"
     if not lobe.fresnel:
         return [f"let weight: f32 = {weight};", "sum += weight * radiance;", "norm += weight;"]
     return [

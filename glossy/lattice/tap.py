@@ -91,16 +91,19 @@ def k_polynomial(c: FloatArray, at: Scalar, t: Scalar) -> Scalar:
 def k_lattice_tap(
     tap: FloatArray,
     lobe: FloatArray,
-    at: tuple[Scalar, ...],
-    t: Scalar,
+    pixel: tuple[Scalar, ...],
     wo: tuple[Scalar, Scalar, Scalar],
     frame: tuple[Scalar, ...],
 ) -> tuple[bool, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar]:
-    """One sample: kept, wi in world coordinates, a of eq. (3), weight without F, Schlick's term."""
+    """One sample: kept, wi in world coordinates, a of eq. (3), weight without F, Schlick's term.
+
+    ``pixel`` is what ``k_lattice_pixel`` returned.
+    """
     wox, woy, woz = wo
+    t = pixel[6]
     z1, z2 = k_polynomial(tap, 0, t), k_polynomial(tap, 5, t)
-    sx = at[0] + z1 * at[2] + z2 * at[4]
-    sy = at[1] + z1 * at[3] + z2 * at[5]
+    sx = pixel[0] + z1 * pixel[2] + z2 * pixel[4]
+    sy = pixel[1] + z1 * pixel[3] + z2 * pixel[5]
     hz = ONE / np.sqrt(ONE + sx * sx + sy * sy)
     hx, hy = sx * hz, sy * hz
     c = wox * hx + woy * hy + woz * hz
@@ -111,10 +114,9 @@ def k_lattice_tap(
     qx, qy = sx * lobe[0], sy * lobe[1]
     exponent = k_polynomial(tap, 10, t) + HALF * (z1 * z1 + z2 * z2) - qx * qx - qy * qy
     weight = np.exp(exponent) / hz
-    if lobe[3] == ZERO:
-        weight = weight * iz
-    elif lobe[3] != ONE:
-        weight = weight * iz ** (ONE - lobe[3])
+    weight = weight * iz
+    if lobe[3] != ZERO:
+        weight = weight / max(iz, pixel[8]) ** lobe[3]
     if lobe[4] > ZERO:
         schlick = k_schlick(ix, iy, iz, wox, woy, woz, c)
     else:
@@ -129,8 +131,8 @@ def k_lattice_tap(
 @kernel
 def k_lattice_pixel(
     wo: tuple[Scalar, Scalar, Scalar], lobe: FloatArray, width: FloatArray
-) -> tuple[Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar]:
-    """Mean, g1, g2 in slopes, t of the polynomials, and (tau s2)^2 / a0 of eq. (3)."""
+) -> tuple[Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar]:
+    """Mean, g1, g2 in slopes, t of the polynomials, (tau s2)^2 / a0 of eq. (3), and tau s2."""
     mx, my = ONE / lobe[0], ONE / lobe[1]
     reach = k_reach(wo[0], wo[1], wo[2], mx, my)
     density = INV_SQRT_2PI * np.exp(-HALF * reach * reach)
@@ -142,8 +144,9 @@ def k_lattice_pixel(
     octaves = max(HALF * np.log2(major / minor), ZERO)
     t = min(octaves, FOUR) * QUARTER
     beyond = max(octaves - FOUR, ZERO)
-    spread = minor * np.exp2(TWO * (k_polynomial(width, 0, t) + beyond)) / height
-    return mean_x, mean_y, g1x, g1y, g2x, g2y, t, spread
+    square = minor * np.exp2(TWO * (k_polynomial(width, 0, t) + beyond))
+    ramp = np.sqrt(max(square, TINY))
+    return mean_x, mean_y, g1x, g1y, g2x, g2y, t, square / height, ramp
 
 
 @kernel

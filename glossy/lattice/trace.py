@@ -128,9 +128,9 @@ def _trace(
     if wo[2] <= ZERO:
         return
     pixel = k_lattice_pixel(wo, lobe, width)
-    at, t, spread = pixel[:6], pixel[6], pixel[7] * texels
+    spread = pixel[7] * texels
     for k in range(taps.shape[0]):
-        kept, x, y, z, area, weight, schlick = k_lattice_tap(taps[k], lobe, at, t, wo, frame)
+        kept, x, y, z, area, weight, schlick = k_lattice_tap(taps[k], lobe, pixel, wo, frame)
         if not kept:
             continue
         d = ONE / max(abs(x), abs(y), abs(z))

@@ -164,7 +164,9 @@ def shade_lobe(
     schlick = (1 - np.minimum(c, 1)) ** 5
     r0 = extended(lobe.r0)
     fresnel = r0 + (1 - r0) * schlick if side > 0 else (1 - r0) * (1 - schlick)
-    weight = np.where(kept, np.exp(exponent) / hz * z ** (1 - extended(lobe.alpha)) * fresnel, 0)
+    ramp = np.sqrt(minor) * 2**log2_width
+    cosine = z / np.maximum(z, ramp[:, None]) ** extended(lobe.alpha)
+    weight = np.where(kept, np.exp(exponent) / hz * cosine * fresnel, 0)
     total = weight.sum(axis=-1, keepdims=True)
     mixed = (weight[..., None] * light).sum(axis=1) / np.where(total > 0, total, 1)
     seen = (wo[:, 2] > 0) & (total[:, 0] > 0)
