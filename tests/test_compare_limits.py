@@ -338,6 +338,8 @@ def test_what_is_piped_in_is_refused_by_its_name(
     assert refusal(capsys, "-", "b.exr").startswith("glossy compare: -: cannot be read")
     piped(monkeypatch, b"")
     assert "-: standard input is empty" in refusal(capsys, "-", "b.exr")
+    monkeypatch.setattr(sys, "stdin", None)
+    assert "-: standard input is closed" in refusal(capsys, "-", "b.exr")
     from glossy.commands import standard_input
 
     monkeypatch.setattr(standard_input, "MOST_BYTES", 5)

@@ -16,9 +16,11 @@ def spooled(label: str) -> Iterator[str]:
     Raises
     ------
     ValueError
-        If it is empty, longer than ``MOST_BYTES``, or a terminal; names ``label``.
+        If it is empty, closed, longer than ``MOST_BYTES``, or a terminal; names ``label``.
     """
-    if sys.stdin is None or sys.stdin.isatty():
+    if sys.stdin is None:
+        raise ValueError(f"{label}: standard input is closed")
+    if sys.stdin.isatty():
         raise ValueError(f"{label}: standard input is a terminal, and nothing is piped in")
     descriptor, name = tempfile.mkstemp(prefix="glossy-")
     try:
