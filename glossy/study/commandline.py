@@ -21,8 +21,8 @@ DEFAULT_TOLERANCE = 1e-3
 
 SAID = (
     "env", "size", "material", "shape", "width", "height", "input_layout", "orientation",
-    "negative", "nonfinite", "encoding", "methods", "max_error", "samples", "filter",
-    "reference_tolerance", "repeats",
+    "negative", "nonfinite", "encoding", "crop", "methods", "max_error", "samples", "filter",
+    "reference_tolerance", "repeats", "max_pixels",
 )  # fmt: skip
 """Options that say what is measured; the others say where and how."""
 
