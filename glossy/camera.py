@@ -25,6 +25,7 @@ Float64Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 MAX_PIXELS = 65536
+FAR = 1e50  # of coordinates and, inverted, of a radius: squares of their quotient fit float64
 FRAME_TAN = math.tan(math.radians(15.0))  # the unit sphere seen from 4 fills 96 % of this
 
 
@@ -32,6 +33,8 @@ def _vector(name: str, value: object) -> tuple[float, float, float]:
     v = _check.array(name, value)  # type: ignore[arg-type]
     if v.shape != (3,) or not np.all(np.isfinite(v)):
         raise _check.fail(name, "must be three finite numbers", value)
+    if np.abs(v).max() > FAR:
+        raise _check.fail(name, f"must be within +-{FAR:g}", value)
     return float(v[0]), float(v[1]), float(v[2])
 
 
@@ -105,7 +108,7 @@ class Sphere:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "center", _vector("center", self.center))
-        object.__setattr__(self, "radius", _check.positive("radius", self.radius))
+        object.__setattr__(self, "radius", _check.in_range("radius", self.radius, 1 / FAR, FAR))
 
     def intersect(
         self, origin: Float64Array, rays: Float64Array
