@@ -245,14 +245,14 @@ def test_an_interrupted_study_is_one_line_and_keeps_its_cells(
     ]  # fmt: skip
     program = interruptible(*args)
     with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        while process.poll() is None and not list(folder.glob("cells/*.json")):
+        while process.poll() is None and not list(folder.glob("cells/[!.]*.json")):
             time.sleep(0.005)
         process.send_signal(sent)
         out, err = process.communicate(timeout=120)
     polite = sent == signal.SIGINT
     said = b"glossy study: interrupted\n" if polite else b""
     assert (process.returncode, out, err) == (130 if polite else -sent, b"", said)
-    kept = {path: path.read_bytes() for path in folder.glob("cells/*")}
+    kept = {path: path.read_bytes() for path in folder.glob("cells/[!.]*")}
     assert 1 <= len(kept) < 8
     value = report(capsys, *args, "--resume")
     assert len(value["cells"]) == 8
@@ -278,6 +278,8 @@ def test_tracing_auto_is_tracing_what_it_chose(capsys: pytest.CaptureFixture[str
     (part,), (row,) = value["parts"], value["plan"]["lobes"]
     assert (part["method"], part["options"]["samples"]) == (row["method"], row["samples"])
     direct = [*at, "--method", row["method"], "--samples", str(row["samples"])]
+    if "footprint" in part["options"]:
+        direct += ["--footprint", part["options"]["footprint"]]
     alone = report(capsys, "trace", *direct)
     assert part["taps"] == alone["taps"]
     code, text, _ = run(capsys, "trace", *at, "--method", "auto")

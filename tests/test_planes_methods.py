@@ -143,7 +143,7 @@ def test_at_the_centre_and_without_planes_nothing_changes(
 def test_auto_turns_the_lookups_of_its_plan(pyramid: glossy.Pyramid) -> None:
     p, planes = rooms.sphere_points(20, 6), rooms.planes()
     material = Material(reflection=[Lobe(0.1)])
-    found = planned(material, pyramid, 0.02)
+    found = planned(material, pyramid, 0.02, points=p)
     assert found.method == "lattice"
     image = glossy.shade(p, material, pyramid, "auto", max_error=0.02, parallax=planes)
     own: dict[str, Any] = {"samples": found.samples[0]}

@@ -203,7 +203,7 @@ def test_auto_is_measured_once_for_each_error_with_the_taps_it_takes(
     made = study(tmp_path / "s", cases=[lobe], methods=specs[1:])
     rough, fine = made.run()
     pyramid = made.bench.prepared(lobe, specs[2])
-    assert fine.taps == planned(lobe.material, pyramid, 0.03).samples
+    assert fine.taps == planned(lobe.material, pyramid, 0.03, points=made.bench.points).samples
     assert (rough.budget, rough.bias_kind, rough.samples) == (1, "zero", sum(rough.taps))
     assert rough.samples < fine.samples
     assert fine.relative_rms < min(rough.relative_rms, 0.03)

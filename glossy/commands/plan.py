@@ -6,13 +6,15 @@ from . import options
 
 EXAMPLE = """\
 examples:
-  glossy plan --material mx=.15 --env studio --max-error .05
+  glossy plan --material mx=.15 --env studio --shape plane --max-error .05
   glossy plan --material white-foil --env room.hdr --size 512 --max-error .1 --json
-  glossy plan --material mx=.1 --pixels 1000000      the map changes with every picture
+  glossy plan --gbuffer points.exr --pixels 1000000      the map changes with every picture
+  glossy plan --material mx=.1 --any-view                pictures are not known yet
   glossy render --method auto --max-error .05 -o out.exr      shades by such a plan
 
-The error is the relative RMS error of the picture's glossy radiance. The bound is what nine
-pictures of ten are expected to stay under; cost 1 is regular sampling with 20 samples a lobe.
+The plan is for the picture that render makes of the same arguments. The error is the relative RMS
+error of its glossy radiance, which stays under the bound: surely if bound kind is "bound", when all
+points were measured; else by an estimate. Cost 1 is regular sampling with 20 samples a lobe.
 """
 
 
@@ -22,16 +24,21 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "plan",
         help="methods, taps and filter for an accepted error",
         description="Choose method and number of taps of each lobe, and the pyramid's filter, for "
-        "an environment and an error that is accepted; predict error and cost.",
+        "a picture and an error that is accepted; predict error and cost.",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    options.add_scene_arguments(parser, gbuffer=False)
+    options.add_scene_arguments(parser)
     parser.add_argument(
         "--max-error", type=float, default=0.05, metavar="X", help="relative RMS error (0.05)"
     )
     parser.add_argument(
         "--filter", metavar="NAME", help="plan for this filter only (default: the best there is)"
+    )
+    parser.add_argument(
+        "--any-view",
+        action="store_true",
+        help="for any views of up to 80 degrees, not those of the picture: takes more taps",
     )
     parser.add_argument(
         "--pixels", type=int, metavar="N", help="pixels shaded each time the map changes"
@@ -55,6 +62,7 @@ def run(args: argparse.Namespace) -> int:
         max_error=args.max_error,
         filters=None if name is None else (),
         pixels=args.pixels,
+        points=None if args.any_view else scene.points(),
     )
     result = found.to_dict()
     if args.json:

@@ -1,5 +1,6 @@
 """How many taps a material needs in an environment, for an error that is accepted.
 
-``probe`` measures candidates on a few cameras, ``model`` says what that is worth (cost, and how far
-another picture's error may lie above), ``plan`` chooses, ``auto`` is the method that runs a plan.
+``views`` says where candidates are measured: on a picture's own points, or on narrow views from
+everywhere; ``probe`` measures them there against the ground truth, ``model`` lists them with their
+costs, ``plan`` chooses, ``auto`` is the method that runs a plan.
 """

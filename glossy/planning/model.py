@@ -1,16 +1,8 @@
-"""What candidates cost, and how far the error of a picture may lie above that of the probe.
+"""Candidates, and what they cost.
 
-Cost: a pixel's time is, for each lobe, ``pixel + tap n`` of the method; a pyramid costs ``build`` a
-texel of its finest level. The unit is a pixel of one lobe by ``regular`` with 20 samples.
-
-Error: with e the error of a choice in the probe as a whole and e_q its ``QUANTILE`` over the
-probe's cameras ::
-
-    error = a e                                                                             (1)
-    bound = b sqrt(max(e, e_q)^2 + f^2)                                                     (2)
-
-a, b and f (the yardstick's own error) come from pictures of training maps:
-``benchmarks/calibrate_plan.py`` writes them to ``constants.json``.
+A pixel's time is, for each lobe, ``pixel + tap n`` of the method; a pyramid costs ``build`` a texel
+of its finest level. The unit is a pixel of one lobe by ``regular`` with 20 samples.
+``benchmarks/calibrate_plan.py`` measures the constants and writes ``constants.json``.
 """
 
 import dataclasses
@@ -22,9 +14,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-Float64Array = npt.NDArray[np.float64]
+from .. import methods
+from ..brdf import Material
+from ..frames import SurfacePoints
+from ..pyramid import Pyramid
 
-QUANTILE = 0.9
 BASELINE = 20  # samples of ``regular`` that make the unit of cost
 
 
@@ -47,9 +41,28 @@ CANDIDATES = (
 FILTERS = ("box", "gauss6", "round")
 
 
+def candidate_options(candidate: Candidate) -> dict[str, Any]:
+    """Options of a candidate's method."""
+    footprint = {"footprint": "jacobian"} if candidate.method == "regular" else {}
+    return {"samples": candidate.samples, **footprint}
+
+
+def run_candidate(
+    candidate: Candidate,
+    points: SurfacePoints,
+    material: Material,
+    pyramid: Pyramid,
+    precision: str = "single",
+) -> npt.NDArray[np.floating]:
+    """Radiance (..., 3) of a material's lobes, each with the same candidate."""
+    run, own = methods.resolve(candidate.method), candidate_options(candidate)
+    out: npt.NDArray[np.floating] = run(points, material, pyramid, precision=precision, **own)
+    return out
+
+
 @functools.cache
 def constants() -> dict[str, Any]:
-    """The calibration: ``cost`` and ``error``."""
+    """The calibration, ``cost``."""
     file = importlib.resources.files("glossy.planning").joinpath("constants.json")
     found: dict[str, Any] = json.loads(file.read_text())
     return found
@@ -68,10 +81,3 @@ def lobe_cost(method: str, samples: int) -> float:
 def build_cost(filter: str, size: int) -> float:
     """Time of making a pyramid of a map of ``size``, in the same unit."""
     return 6.0 * size * size * float(constants()["cost"]["build"][filter])
-
-
-def predict(whole: Float64Array, cameras: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Expected error (M,) and its 90 % bound, eqs. (1), (2), from ``Probe.errors``."""
-    c = constants()["error"]
-    worst = np.maximum(np.quantile(cameras, QUANTILE, axis=1), whole)
-    return c["scale"] * whole, c["bound"] * np.hypot(worst, c["floor"])

@@ -1,11 +1,12 @@
 """Choose methods, sample counts and filter for an error that is accepted.
 
 Every lobe has its candidates (``model.CANDIDATES``, none among them); the choice is the cheapest
-combination whose bound, ``model`` eq. (2), is within the error asked for. Candidates that another
-one beats in cost and error alike are left out first; then all combinations are tried.
+combination whose bound, ``probe`` eqs. (2), (3), is within the error asked for. Candidates that
+another one beats in cost, error and bound alike are left out; then all combinations are tried.
 """
 
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Sequence
@@ -15,17 +16,19 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _check
+from .._arguments import checked
 from ..brdf import Lobe, Material
-from ..cubemap import CubeMap
+from ..frames import SurfacePoints
 from ..pyramid import FILTERS as ALL_FILTERS
 from ..pyramid import Pyramid, build_pyramid
-from .model import CANDIDATES, FILTERS, Candidate, build_cost, lobe_cost, predict
-from .probe import Probe, alone, probe
+from .model import CANDIDATES, FILTERS, Candidate, build_cost, lobe_cost
+from .probe import Probe, Truths, alone, finest, probe, truths
+from .views import Views, any_views, of_picture
 
 Float64Array = npt.NDArray[np.float64]
 Int64Array = npt.NDArray[np.int64]
 
-MOST_COMBINATIONS = 100_000
+MOST_COMBINATIONS = 20_000
 OWN = "as given"  # the filter of an explicit chain, which is not known
 
 
@@ -53,14 +56,20 @@ class Plan:
     filter : str
         Of the pyramid the plan is for.
     max_error, error, bound : float
-        Relative RMS error of the picture's glossy radiance: asked for, expected, and what nine
-        pictures of ten stay under.
+        Relative RMS error of the picture's glossy radiance: asked for, expected, and what it stays
+        under. Without points ``error`` is that of views in all directions and ``bound`` that of
+        the worst narrow view of a plane, under up to 80 degrees.
     reached : bool
         Whether ``bound`` is within ``max_error``. If not, this is the least bound there is.
     cost : float
         Time of a pixel over that of ``regular`` with 20 samples for the same lobes, with the
         pyramid's share if ``pixels`` was given.
     reasons : tuple of str
+    bound_kind : "bound" or "estimate"
+        A "bound" holds for every picture of these points: all of them were measured. An
+        "estimate" is of points drawn, or of views that are not known.
+    points : int
+        How many were measured.
     """
 
     method: str
@@ -72,6 +81,8 @@ class Plan:
     reached: bool
     cost: float
     reasons: tuple[str, ...]
+    bound_kind: str = "estimate"
+    points: int = 0
 
     @property
     def samples(self) -> list[int]:
@@ -83,12 +94,14 @@ class Plan:
         found = dataclasses.asdict(self)
         return {
             **found,
+            "bound": self.bound if math.isfinite(self.bound) else None,
             "lobes": list(found["lobes"]),
             "samples": self.samples,
             "reasons": list(self.reasons),
         }
 
 
+@checked
 def plan(
     material: Material | Lobe,
     pyramid: Pyramid,
@@ -96,6 +109,7 @@ def plan(
     max_error: float = 0.05,
     filters: Sequence[str] | None = None,
     pixels: int | None = None,
+    points: SurfacePoints | None = None,
 ) -> Plan:
     """Choose method and samples of every lobe, and the pyramid's filter.
 
@@ -112,6 +126,9 @@ def plan(
         None is tried for an explicit chain of levels, whose map is not known.
     pixels : int, optional
         Pixels shaded each time the map changes, so that building counts; left out, the map stays.
+    points : SurfacePoints, optional
+        What will be shaded. Left out, the bound has to cover views of up to 80 degrees of any
+        surface, however narrow, which takes more taps and often cannot be had.
 
     Returns
     -------
@@ -120,7 +137,8 @@ def plan(
     Raises
     ------
     ValueError
-        For a pyramid of other than three channels, an unknown filter, or a value out of range.
+        For a pyramid of other than three channels, points of another type, an unknown filter, or a
+        value out of range.
     """
     if isinstance(material, Lobe):
         material = Material(reflection=[material])
@@ -133,13 +151,20 @@ def plan(
     names = FILTERS if filters is None else filters
     for name in names:
         _check.choice("filters", name, ALL_FILTERS)
-    found = [_plan_one(material, pyramid, pyramid.filter or OWN, goal, shared)]
-    if pyramid.filter is not None and material.sided_lobes():
-        cube = CubeMap(pyramid.levels[0])
-        for name in dict.fromkeys(names):
-            if name != pyramid.filter:
-                other = build_pyramid(cube, filter=name, storage=pyramid.storage)
-                found.append(_plan_one(material, other, name, goal, shared))
+    own, lobes = pyramid.filter or OWN, material.sided_lobes()
+    if not lobes or (points is not None and not points.coverage.any()):
+        why = "nothing is seen" if lobes else "no glossy lobe"
+        rows = _rows(material, [CANDIDATES[0]] * len(lobes))
+        return Plan("none", rows, own, goal, 0.0, 0.0, True, 0.0, (why,), "bound")
+    cube = finest(pyramid)
+    views = any_views(pyramid) if points is None else of_picture(points, material, pyramid)
+    truth = truths(material, cube, views)
+    choose = functools.partial(_plan_one, material, views, truth, goal, shared)
+    found = [choose(pyramid, own)]
+    for name in dict.fromkeys(names if pyramid.filter is not None else ()):
+        if name != pyramid.filter:
+            other = build_pyramid(cube, filter=name, storage=pyramid.storage)
+            found.append(choose(other, name))
     best = min(found, key=_rank)
     if len(found) > 1:
         rest = ", ".join(f"{p.filter} {_figures(p)}" for p in found if p is not best)
@@ -160,30 +185,28 @@ def _rank(found: Plan) -> tuple[bool, float, float]:
 
 
 def _plan_one(
-    material: Material, pyramid: Pyramid, filter: str, goal: float, pixels: int | None
+    material: Material,
+    views: Views,
+    truth: Truths,
+    goal: float,
+    pixels: int | None,
+    pyramid: Pyramid,
+    filter: str,
 ) -> Plan:
     """The plan for one pyramid."""
-    lobes = material.sided_lobes()
-    share = 0.0
-    if pixels is not None and pyramid.filter is not None:
-        share = build_cost(pyramid.filter, pyramid.size) / pixels
-    if not lobes:
-        return Plan("none", (), filter, goal, 0.0, 0.0, True, share, ("no glossy lobe",))
-    measured = probe(material, pyramid)
+    measured = probe(material, pyramid, views, truth)
     costs = np.array([lobe_cost(c.method, c.samples) for c in CANDIDATES])
-    fronts = [_front(measured, j, costs) for j in range(len(lobes))]
-    choice = _combinations(fronts)
+    choice = _combinations([_front(measured, j, costs) for j in range(len(truth.radiance))])
     price = costs[choice].sum(axis=1)
-    error, bound = predict(*measured.errors(choice))
+    error, bound = measured.measure(choice)
     fits = bound <= goal
     order = np.lexsort((bound, price)) if fits.any() else np.lexsort((price, bound))
     best = int(order[np.argmax(fits[order])]) if fits.any() else int(order[0])
-    picked = [CANDIDATES[k] for k in choice[best]]
-    rows = tuple(
-        LobePlan(*lobe.widths, "reflection" if side > 0.0 else "transmission", c.method, c.samples)
-        for (lobe, side), c in zip(lobes, picked, strict=True)
-    )
+    rows = _rows(material, [CANDIDATES[k] for k in choice[best]])
     used = {row.method for row in rows if row.samples}
+    share = 0.0
+    if pixels is not None and pyramid.filter is not None:
+        share = build_cost(pyramid.filter, pyramid.size) / pixels
     return Plan(
         method=used.pop() if len(used) == 1 else "mixed" if used else "none",
         lobes=rows,
@@ -192,19 +215,29 @@ def _plan_one(
         error=float(error[best]),
         bound=float(bound[best]),
         reached=bool(fits.any()),
-        cost=float(price[best]) / len(lobes) + share,
+        cost=float(price[best]) / len(rows) + share,
         reasons=_reasons(measured, choice[best], rows, bool(fits.any())),
+        bound_kind="bound" if views.complete else "estimate",
+        points=len(views.weight),
+    )
+
+
+def _rows(material: Material, picked: Sequence[Candidate]) -> tuple[LobePlan, ...]:
+    return tuple(
+        LobePlan(*lobe.widths, "reflection" if side > 0.0 else "transmission", c.method, c.samples)
+        for (lobe, side), c in zip(material.sided_lobes(), picked, strict=True)
     )
 
 
 def _front(measured: Probe, lobe: int, costs: Float64Array) -> Int64Array:
-    """Candidates of one lobe that none beats both in cost and, alone, in error."""
-    own = slice(measured.first[lobe], measured.first[lobe + 1])
-    square = np.diagonal(measured.gram[0])[own]
+    """Candidates of one lobe that no cheaper one beats, alone, in both error and bound."""
+    error, bound = measured.alone(lobe)
+    least = np.full(2, np.inf)
     kept: list[int] = []
-    for k in np.lexsort((square, costs)):
-        if not kept or square[k] < square[kept[-1]]:
+    for k in np.lexsort((error, costs)):
+        if not kept or error[k] < least[0] or bound[k] < least[1]:
             kept.append(int(k))
+            least = np.minimum(least, (error[k], bound[k]))
     return np.array(kept, dtype=np.int64)
 
 
@@ -221,12 +254,10 @@ def _combinations(fronts: Sequence[Int64Array]) -> Int64Array:
 def _reasons(
     measured: Probe, choice: Int64Array, rows: Sequence[LobePlan], reached: bool
 ) -> tuple[str, ...]:
-    power = max(float(measured.power[0]), np.finfo(np.float64).tiny)
-    diagonal = np.diagonal(measured.gram[0])
     said = []
     for j, (row, k) in enumerate(zip(rows, choice, strict=True)):
-        own = diagonal[measured.first[j] : measured.first[j + 1]]
-        whole, wrong = math.sqrt(own[0] / power), math.sqrt(own[k] / power)
+        error = measured.alone(j)[0]
+        whole, wrong = error[0], error[k]  # without a tap a lobe is wrong by all of itself
         text = f"lobe {j} (m = {row.mx:g}, {row.my:g}) is {whole:.3g} of the radiance: "
         if row.samples == 0:
             said.append(text + "left out")

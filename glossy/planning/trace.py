@@ -14,8 +14,8 @@ from ..frames import SurfacePoints
 from ..pyramid import Pyramid
 from ..trace import Printed, Vector, to_vector, trace, vector_text
 from .auto import auto, planned
+from .model import candidate_options
 from .plan import Plan, groups
-from .probe import candidate_options
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -57,8 +57,9 @@ class PlanTrace(Printed):
 def trace_plan(
     point: SurfacePoints, material: Material, pyramid: Pyramid, precision: str, **options: Any
 ) -> PlanTrace:
-    """Every tap at one point; ``glossy.trace`` has checked the arguments."""
-    found = planned(material, pyramid, **options)
+    """Every tap at one point, by the plan for it; ``glossy.trace`` has checked the arguments."""
+    found = planned(material, pyramid, points=point, **options)
+    options.pop("plan", None)
     parts, lobes = [], []
     for candidate, some in groups(material, found):
         own = candidate_options(candidate)
@@ -76,7 +77,7 @@ def trace_plan(
         bitangent=to_vector(point.bitangent),
         view=to_vector(point.view),
         view_local=to_vector(point.local_view),
-        radiance=to_vector(auto(point, material, pyramid, precision=precision, **options)),
+        radiance=to_vector(auto(point, material, pyramid, precision=precision, plan=found)),
         tap_sum=to_vector(total),
         plan=found,
         lobes=tuple(lobes),
