@@ -18,7 +18,7 @@ import warnings
 from collections.abc import Sequence
 from typing import NoReturn
 
-from . import _check, _memory
+from . import _memory
 from ._version import __version__
 from .commands import streams, talk
 from .commands.provenance import COMMAND_LINE
@@ -93,7 +93,9 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 
 def _line(message: object) -> str:
     """A message as one printable line."""
-    text = _check.shortened(str(message), LONGEST)
+    from ._check import shortened  # with NumPy, which --help does without
+
+    text = shortened(str(message), LONGEST)
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
@@ -113,6 +115,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     Output that nobody reads any more (``| head``) ends it quietly with ``CLOSED_PIPE``.
     """
+    sys.stdout, sys.stderr = sys.stdout or io.StringIO(), sys.stderr or io.StringIO()  # closed
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a name that is no UTF-8 must not end a report
             stream.reconfigure(errors="backslashreplace")
@@ -120,8 +123,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             return _main(sys.argv[1:] if argv is None else argv)
         finally:
-            if sys.stdout is not None:
-                sys.stdout.flush()
+            sys.stdout.flush()
     except BrokenPipeError:
         for stream in (sys.stdout, sys.stderr):  # nothing is left to flush
             with contextlib.suppress(OSError, ValueError, AttributeError):
