@@ -102,7 +102,7 @@ let tau: f32 = exp2(${{C}}_WIDTH[0] + t * (${{C}}_WIDTH[1] + t * (${{C}}_WIDTH[2
 let spread: f32 = tau * tau * minor / a0 * size * size / 4.0;
 """.splitlines()
 
-RAMP = ["let ramp: f32 = tau * sqrt(max(minor, 1e-30));  // width of a tap"]
+SOFT = ["let soft: f32 = tau * sqrt(max(minor, 1e-30));  // width of a tap"]
 
 PLACE = f"""\
 let at: i32 = {TERMS} * k;
@@ -188,7 +188,7 @@ def part(lobe: ShaderLobe, *, samples: int = 14, bias: float = 0.0, filter: str 
         size=len(taps),
         constants=constants,
         horizon="left out of both sums",
-        before=[SIZE, *FRAME, *(RAMP if beta < 1.0 else []), *_sums(lobe)],
+        before=[SIZE, *FRAME, *(SOFT if beta < 1.0 else []), *_sums(lobe)],
         place=PLACE,
         tap=[*TAP, *_weigh(lobe, beta)],
         after=_scaled(lobe, kind, beta, long=white.shape[1] > 1),
@@ -203,12 +203,19 @@ def _sums(lobe: ShaderLobe) -> list[str]:
 
 def _weigh(lobe: ShaderLobe, beta: float) -> list[str]:
     """The lines of the loop that add a sample to both sums."""
-    held = "max(wi.z, ramp)"
-    share = f" / {held}" if beta == 0.0 else f" * pow({held}, ${{C}}_BETA - 1.0)"
-    weight = f"exp(power) * stretch * wi.z{'' if beta == 1.0 else share}"
+    held = "max(wi.z, soft)"
+    power = f"1.0 / {held}" if beta == 0.0 else f"pow({held}, ${{C}}_BETA - 1.0)"
+    lines = [] if beta == 1.0 else [f"let horizon: f32 = {power};"]
+    weight = f"exp(power) * stretch * wi.z{' * horizon' if lines else ''}"
     if not lobe.fresnel:
-        return [f"let weight: f32 = {weight};", "sum += weight * radiance;", "norm += weight;"]
+        return [
+            *lines,
+            f"let weight: f32 = {weight};",
+            "sum += weight * radiance;",
+            "norm += weight;",
+        ]
     return [
+        *lines,
         *lobe.fresnel_line,
         f"let weight: vec3<f32> = {weight} * fresnel;",
         "sum += weight * radiance;",
