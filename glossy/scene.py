@@ -316,7 +316,7 @@ def load_scene(
 
             return parse(data, here)
         return _parse(data, here)
-    except FileNotFoundError as error:
-        raise FileNotFoundError(f"{file}: {_check.shortened(str(error))}") from None
+    except OSError as error:
+        raise type(error)(f"{file}: {_check.shortened(str(error))}") from None
     except (ValueError, TypeError) as error:
         raise ValueError(f"{file}: {_check.shortened(str(error))}") from None

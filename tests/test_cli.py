@@ -125,6 +125,18 @@ def test_a_full_disk_behind_standard_output_is_one_line(words: list[str]) -> Non
     assert done.stderr == f"glossy {words[0]}: [Errno 28] No space left on device\n".encode()
 
 
+def test_a_picture_that_standard_output_cannot_take_is_one_line_more() -> None:
+    command = shlex.join([sys.executable, "-m", "glossy", "-q", "render", *SMALL, "-o", "-"])
+    for place, words in ((">&-", "--output: - is standard output, which is closed"),
+                         (">/dev/full", "[Errno 28] No space left on device")):  # fmt: skip
+        done = subprocess.run(["sh", "-c", f"{command} {place}"], capture_output=True, check=False)
+        assert done.returncode == 2
+        assert done.stderr.decode().splitlines()[-1].startswith(f"glossy render: {words}")
+        assert b"Traceback" not in done.stderr
+    done = subprocess.run(["sh", "-c", f"{command} -v 2>&-"], capture_output=True, check=False)
+    assert (done.returncode, done.stdout[:4]) == (0, b"\x76\x2f\x31\x01")
+
+
 # --- how much is said -----------------------------------------------------------------------------
 
 
@@ -223,7 +235,7 @@ def test_a_material_goes_through_pipes() -> None:
     assert json.loads(done.stdout)["parameters"]["kd"] == 0.25
     done = program("material", "-", "--json", stdin=b'{"kd": 0.5}')
     assert json.loads(done.stdout)["parameters"]["kd"] == 0.5
-    done = program("pattern", "--mx", ".1", "--samples", "7", "-o", "-", "--format", "csv")
+    done = program("pattern", "--mx", ".1", "--samples", "7", "-q", "-o", "-", "--format", "csv")
     assert (done.returncode, done.stderr) == (0, b"")
     assert done.stdout.count(b"\n") >= 7
 

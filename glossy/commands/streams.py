@@ -70,20 +70,18 @@ def redirected(args: argparse.Namespace, quiet: bool) -> Iterator[None]:
         For a second ``-`` to read, or one where a folder is written or a terminal would show bytes.
     """
     names: dict[str, str] = {}
+    stdout, stderr = sys.stdout, sys.stderr
     with contextlib.ExitStack() as stack:
-        if quiet and not getattr(args, "json", False) and _has_product(args):
-            stack.enter_context(contextlib.redirect_stdout(stack.enter_context(_nowhere())))
         written = None
         if args.command != "compare":
             _read(args, names, stack)
             written = _written(args, names, stack)
-        out = sys.stderr if written else sys.stdout
-        told = cast(TextIO, Told(out, names))
-        stdout = sys.stdout
-        stack.enter_context(
-            contextlib.redirect_stderr(cast(TextIO, Told(sys.stderr, names, quiet)))
-        )
-        with contextlib.redirect_stdout(told if names else out):
+        out = stderr if written else stdout
+        if quiet and not getattr(args, "json", False) and _has_product(args):
+            out = stack.enter_context(open(os.devnull, "w", encoding="utf-8"))
+        told = cast(TextIO, Told(out, names)) if names else out
+        errors = cast(TextIO, Told(stderr, names, quiet))
+        with contextlib.redirect_stdout(told), contextlib.redirect_stderr(errors):
             yield
         if written and os.path.exists(written):
             stdout.flush()
@@ -95,10 +93,6 @@ def redirected(args: argparse.Namespace, quiet: bool) -> Iterator[None]:
 def _has_product(args: argparse.Namespace) -> bool:
     """Whether what is printed is not all there is: a file, or an exit code that judges."""
     return args.command == "compare" or getattr(args, "output", None) is not None
-
-
-def _nowhere() -> TextIO:
-    return open(os.devnull, "w", encoding="utf-8")
 
 
 def _read(args: argparse.Namespace, names: dict[str, str], stack: contextlib.ExitStack) -> None:
@@ -145,6 +139,8 @@ def _written(
         return None
     if args.command not in DEFAULTS or getattr(args, "layout", None) == "faces":
         raise ValueError("--output: - is one file, and several are written")
+    if not hasattr(sys.stdout, "buffer"):
+        raise ValueError("--output: - is standard output, which is closed or takes no bytes")
     form = form or DEFAULTS[args.command]
     if form not in TEXT and sys.stdout.isatty():
         raise ValueError("--output: - is a terminal, which shows no pictures")
