@@ -1,4 +1,7 @@
-"""What OpenImageIO reads: PNG, TIFF, JPEG, PFM and more, with sizes checked before decoding.
+"""JPEG through imageio, PNG, TIFF, PFM and more through OpenImageIO, sizes checked first.
+
+OpenImageIO opens every file and says what it holds. It decodes PNG, too: imageio's decoder cuts 16
+bits to 8 and takes a file that lost its end.
 
 Some of its readers decode a picture while they open it, so those formats' sizes are looked up in
 the first bytes of the file before.
@@ -22,6 +25,7 @@ DEFLATE = 1032  # the largest ratio of a PNG's packing
 MOST_CHUNK = 8_000_000  # bytes that libpng unpacks one text or profile to
 MOST_TEXT = 1 << 28  # bytes that all of a file's may unpack to
 MOST_HEAD = 1 << 16
+MOST_JPEG = 80_000_000  # pixels; imageio's decoder warns of bombs beyond
 
 
 class FormatError(ValueError):
@@ -123,7 +127,9 @@ def read_planes(
             raise FormatError(
                 f"holds integers ({kind}); say whether they are linear or srgb (encoding)"
             )
-        pixels = source.read_image(0, 0, 0, spec.nchannels, kind)
+        pixels = _jpeg_pixels(name, source.format_name(), spec)
+        if pixels is None:
+            pixels = source.read_image(0, 0, 0, spec.nchannels, kind)
         if pixels is None or source.has_error:
             raise RuntimeError(source.geterror() or "truncated")
         metadata = {entry.name: entry.value for entry in spec.extra_attribs}
@@ -139,6 +145,18 @@ def read_planes(
             plane = decode_table(kind, "linear" if channel == "A" else str(encoding))[plane]
         planes[channel] = plane
     return planes, {**metadata, "sample_type": kind}
+
+
+def _jpeg_pixels(name: str, form: str, spec: Any) -> Plane | None:
+    # None for other files, and where imageio's decoder gives other channels (CMYK)
+    if form != "jpeg" or spec.width * spec.height > MOST_JPEG:
+        return None
+    import imageio.v3 as iio
+
+    pixels = np.asarray(iio.imread(name, plugin="pillow"))
+    shape = (spec.height, spec.width, spec.nchannels)
+    same = pixels.dtype == np.uint8 and (*pixels.shape, 1)[:3] == shape
+    return pixels if same else None
 
 
 def _check_spec(source: Any, spec: Any, kind: str, check_size: CheckSize) -> None:

@@ -51,7 +51,8 @@ def _end() -> None:
         text = _said()
         if _saved >= 0:
             os.dup2(_saved, 2)
-            os.close(_saved)
+            with contextlib.suppress(OSError):
+                os.close(_saved)
         if _file is not None:
             _file.close()
         _file, _saved = None, -1

@@ -1,4 +1,4 @@
-"""Writing images: OpenEXR, Radiance HDR, PNG, JPEG and animations, each file whole or not at all.
+"""Writing images: OpenEXR, Radiance HDR, PNG and JPEG, each file whole or not at all.
 
 A Radiance pixel shares the exponent E of its largest channel; the mantissas m = value 2^(136 - E)
 are rounded to nearest, so that the file is not darker than the image. Display pictures hold sRGB
@@ -7,7 +7,7 @@ samples: the inverse of `image`'s eq. (2).
 
 import os
 import struct
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -215,7 +215,7 @@ def write_image(
     else:
         samples = encode_srgb(raw, stops)
         flat = samples[..., 0] if samples.shape[2] == 1 else samples
-        write_bytes(path, _encoded(flat, ".jpg", quality=95, subsampling=0))
+        write_bytes(path, encoded(flat, ".jpg", quality=95, subsampling=0))
 
 
 def encode_srgb(pixels: Plane, exposure: float = 0.0, bits: int = 8) -> Plane:
@@ -243,10 +243,11 @@ def write_png(path: Path, samples: Plane, metadata: Mapping[str, str] | None = N
     entries.add(b"sRGB", b"\0")
     for key, text in (metadata or {}).items():
         entries.add_text(key, text)
-    write_bytes(path, _encoded(flat, ".png", pnginfo=entries))
+    write_bytes(path, encoded(flat, ".png", pnginfo=entries))
 
 
-def _encoded(samples: Plane, suffix: str, **options: Any) -> bytes:
+def encoded(samples: Plane, suffix: str, **options: Any) -> bytes:
+    """A display picture, or frames (F, H, W, 3) of one, as the bytes of a file."""
     import imageio.v3 as iio
 
     data = iio.imwrite("<bytes>", samples, extension=suffix, plugin="pillow", **options)
@@ -280,53 +281,6 @@ def _write_deep_png(path: Path, samples: Plane, metadata: Mapping[str, str]) -> 
             reason = " ".join(str(oiio.geterror() if out is None else out.geterror()).split())
             raise OSError(f"cannot be written: {reason or 'unknown reason'}")
         out.close()
-
-
-def write_animation(
-    path: Path,
-    frames: Iterable[npt.ArrayLike],
-    *,
-    exposure: float = 0.0,
-    seconds: float = 1.0 / 24.0,
-) -> None:
-    """Write linear frames as an animation that repeats: .gif (256 colours) or .png (all of them).
-
-    Parameters
-    ----------
-    path : path
-        Replaced when all is written.
-    frames : (H, W, 3) arrays
-        Linear values, of one size.
-    exposure : float [stops]
-        Values are multiplied by 2^exposure, clipped to [0, 1] and encoded as sRGB.
-    seconds : float
-        Each frame's; .gif rounds to hundredths.
-
-    Raises
-    ------
-    ValueError
-        Another suffix, no frame, frames of unlike or other shapes, NaN or infinity.
-    OSError
-        The file cannot be written.
-    """
-    suffix = _check.choice(
-        "path suffix", os.path.splitext(os.fspath(path))[1].lower(), (".gif", ".png")
-    )
-    stops = _check.in_range("exposure", exposure, -1000.0, 1000.0)
-    milliseconds = max(round(1000.0 * _check.positive("seconds", seconds)), 1)
-    stack: list[Plane] = []
-    for i, frame in enumerate(frames):
-        raw = _check.real(f"frames[{i}]", frame)
-        if raw.ndim != 3 or raw.shape[2] != 3 or raw.size == 0:
-            raise _check.fail(f"frames[{i}]", "must have shape (H, W, 3)", raw.shape)
-        if stack and raw.shape != stack[0].shape:
-            raise _check.fail(f"frames[{i}]", "must have the shape of the first", raw.shape)
-        if not np.isfinite(raw).all():
-            raise _check.fail(f"frames[{i}]", "must be finite", "NaN or inf values")
-        stack.append(encode_srgb(raw, stops))
-    if not stack:
-        raise _check.fail("frames", "must not be empty", "none")
-    write_bytes(path, _encoded(np.stack(stack), suffix, duration=milliseconds, loop=0))
 
 
 def _write_hdr(path: Path, pixels: Plane) -> None:

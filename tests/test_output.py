@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import glossy
-from glossy import _output, image_write
+from glossy import _output
+from glossy.animation import read_animation, write_animation
 from glossy.camera import Sphere, default_camera
 from glossy.commands.pattern import plot as plot_pattern
 from glossy.gbuffer import read_gbuffer, write_gbuffer
@@ -47,8 +48,8 @@ WRITERS: dict[str, Writer] = {
     "a.png": lambda path: glossy.write_image(path, RGB),
     "deep.png": lambda path: glossy.write_image(path, RGB, bits=16),
     "a.jpg": lambda path: glossy.write_image(path, RGB),
-    "a.gif": lambda path: image_write.write_animation(path, [RGB, 1.0 - RGB]),
-    "moving.png": lambda path: image_write.write_animation(path, [RGB, 1.0 - RGB]),
+    "a.gif": lambda path: write_animation(path, [RGB, 1.0 - RGB]),
+    "moving.png": lambda path: write_animation(path, [RGB, 1.0 - RGB]),
     "g.npz": lambda path: write_gbuffer(path, glossy.surface_points(CAMERA, Sphere())),
     "g.exr": lambda path: write_gbuffer(path, glossy.surface_points(CAMERA, Sphere())),
     "p.json": lambda path: PATTERN.export("json", path),
@@ -238,3 +239,30 @@ def test_every_file_is_written_by_the_one_helper() -> None:
         for place in _stray_writes(path)
     ]
     assert [s for s in stray if "savetxt" not in s] == []  # into a text in memory
+
+
+def test_animations_read_back(tmp_path: pathlib.Path) -> None:
+    """Animated PNG to the last bit of its 8; GIF within its 256 colours; both keep the order."""
+    frames = [np.full((6, 8, 3), v, np.float32) for v in (0.0, 0.2, 1.0)]
+    for name in ("a.png", "a.gif"):
+        write_animation(tmp_path / name, frames)
+        read = read_animation(tmp_path / name)
+        assert read.shape == (3, 6, 8, 3)
+        np.testing.assert_allclose(read, frames, atol=0.004)
+    with pytest.raises(ValueError, match=r"a\.gif: 3 x 6 x 8 is more than the limit of 100 pixels"):
+        read_animation(tmp_path / "a.gif", max_pixels=100)
+    (tmp_path / "cut.gif").write_bytes((tmp_path / "a.gif").read_bytes()[:20])
+    with pytest.raises(ValueError, match=r"cut\.gif: cannot be read"):
+        read_animation(tmp_path / "cut.gif")
+    with pytest.raises(ValueError, match=r"frames\[1\]: must have the shape of the first"):
+        write_animation(tmp_path / "b.gif", [frames[0], frames[1][:3]])
+
+
+def test_imageio_and_openimageio_decode_display_pictures_alike(tmp_path: pathlib.Path) -> None:
+    import OpenImageIO as oiio  # noqa: N813
+
+    for name in ("a.png", "a.jpg"):
+        glossy.write_image(tmp_path / name, RGB)
+        q = oiio.ImageBuf(str(tmp_path / name)).get_pixels("uint8")
+        read = glossy.read_image(tmp_path / name, encoding="linear").pixels
+        np.testing.assert_array_equal(np.rint(read * 255), q)
