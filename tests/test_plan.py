@@ -1,5 +1,6 @@
 """Plans: what they promise is kept, on whatever is shaded."""
 
+import concurrent.futures
 import dataclasses
 import json
 import sys
@@ -13,6 +14,7 @@ from glossy import cli, frames, methods
 from glossy._threads import using
 from glossy.planning import auto as planning_auto
 from glossy.planning import views
+from glossy.planning.plan import Plan
 
 SIZE = 64
 
@@ -264,6 +266,19 @@ def test_a_plan_is_kept_until_the_map_or_the_points_change(monkeypatch: pytest.M
     planning_auto.planned(lobe, pyramid, 0.1, points=ball(4, 5))
     planning_auto.planned(lobe, pyramid, 0.1, points=ball(1))
     assert len(made) == 7
+
+
+def test_plans_are_made_from_any_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(planning_auto, "KEPT", 1)
+    lobe = glossy.Material(reflection=[glossy.Lobe(0.2)])
+    maps = [glossy.build_pyramid(glossy.environment(n, size=16)) for n in ("spots", "studio")]
+    work = [(pyramid, ball(seed, 5)) for seed in range(3) for pyramid in maps]
+
+    def found(item: tuple[glossy.Pyramid, glossy.SurfacePoints]) -> Plan:
+        return planning_auto.planned(lobe, item[0], 0.1, points=item[1])
+
+    with concurrent.futures.ThreadPoolExecutor(3) as pool:
+        assert list(pool.map(found, work)) == [found(item) for item in work]
 
 
 def test_a_filter_is_chosen_and_building_it_counts() -> None:

@@ -7,6 +7,7 @@ levels, so that a picture shaded again is not planned again.
 """
 
 import hashlib
+import threading
 import weakref
 from collections.abc import Mapping
 from typing import Any
@@ -28,6 +29,8 @@ from .views import looked_at
 
 KEPT = 64  # plans of a pyramid
 
+_lock = threading.Lock()
+
 _plans: "weakref.WeakKeyDictionary[Pyramid, dict[Any, Plan]]" = weakref.WeakKeyDictionary()
 
 
@@ -44,12 +47,16 @@ def planned(
     if plan is not None:
         return _fitting(plan, material)
     key = (material, max_error, state(pyramid), None if points is None else _digest(points))
-    kept = _plans.setdefault(pyramid, {})
-    if key not in kept:
-        kept[key] = make_plan(material, pyramid, max_error=max_error, filters=(), points=points)
-        if len(kept) > KEPT:
-            del kept[next(iter(kept))]
-    return kept[key]
+    with _lock:
+        found = _plans.setdefault(pyramid, {}).get(key)
+    if found is None:
+        found = make_plan(material, pyramid, max_error=max_error, filters=(), points=points)
+        with _lock:
+            kept = _plans.setdefault(pyramid, {})
+            kept[key] = found
+            while len(kept) > KEPT:
+                del kept[next(iter(kept))]
+    return found
 
 
 def _fitting(given: object, material: Material) -> Plan:

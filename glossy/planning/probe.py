@@ -52,10 +52,13 @@ def state(pyramid: Pyramid) -> bytes:
 
 def finest(pyramid: Pyramid) -> CubeMap:
     """The finest level as a map. Only the last is kept: with its quadrature it is large."""
-    if not _finest or _finest[0][0]() is not pyramid or _finest[0][1] != state(pyramid):
-        cube = CubeMap(pyramid.levels[0], negative="keep")
-        _finest[:] = [(weakref.ref(pyramid), state(pyramid), cube)]
-    return _finest[0][2]
+    now = state(pyramid)
+    for of, then, cube in tuple(_finest):
+        if of() is pyramid and then == now:
+            return cube
+    cube = CubeMap(pyramid.levels[0], negative="keep")
+    _finest[:] = [(weakref.ref(pyramid), now, cube)]
+    return cube
 
 
 def alone(lobe: Lobe, side: float) -> Material:
