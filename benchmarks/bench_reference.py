@@ -11,6 +11,10 @@ of a cube map of 1024 a face, which lies nearer to the picture; what separates M
 from that is estimated from two independent renderings (column "bias") and is not its noise. The
 truth itself is checked by Monte Carlo on some of the points: the z-scores of its differences.
 
+"Certified" is the time at a tolerance of the goal itself, whose bound says that it is met; the
+other is the least time of a tolerance whose error, known afterwards, meets it. Who has no truth at
+hand can only ask for the former.
+
 Mitsuba's time to an error follows from the power law through its measured points; beyond the last
 of them it is an extrapolation, and marked so. CPU time of all threads, compiled before.
 """
@@ -52,13 +56,15 @@ def relative(error: Any, truth: Any) -> float:
 
 def ours(points: Any, material: Any, cube: Any, truth: Any, rounds: int) -> list[dict[str, Any]]:
     """Error and CPU time of the deterministic estimator, tolerance by tolerance."""
-    rows = []
-    for tolerance in TOLERANCES:
+    rows: list[dict[str, Any]] = []
+    for tolerance in (*GOALS, *TOLERANCES):
+        if rows and tolerance == rows[0]["tolerance"]:
+            continue
         run = functools.partial(glossy.reference, points, material, cube, tolerance=tolerance)
         found, seconds = clocked(run, rounds)
         error = relative(found.radiance - truth, truth)
         rows.append({"tolerance": tolerance, "error": error, "seconds": seconds})
-        if error < 0.3 * GOALS[-1]:
+        if tolerance not in GOALS and error < 0.3 * GOALS[-1]:
             break
     return rows
 
@@ -147,19 +153,21 @@ def report(records: list[dict[str, Any]]) -> None:
         for goal in GOALS:
             good = [r for r in record["glossy"] if r["error"] <= goal]
             own = min(r["seconds"] for r in good) if good else math.nan
-            other, ratio = "absent", "absent"
+            sure = next(r["seconds"] for r in record["glossy"] if r["tolerance"] == goal)
+            other, ratio, certified = "absent", "absent", "absent"
             if record.get("mitsuba"):
                 seconds, extrapolated = time_to(record["mitsuba"], goal)
                 other = f"{seconds:.1f}{' (extrapolated)' if extrapolated else ''}"
-                ratio = f"{seconds / own:.0f}"
+                ratio, certified = f"{seconds / own:.0f}", f"{seconds / sure:.0f}"
             goals.append(
                 [name, f"{goal:.1%}", f"{own:.2f}", f"{own + record['preparation']:.2f}", other,
-                 ratio, f"{record['z']:.2f}"]
+                 ratio, f"{sure:.2f}", certified, f"{record['z']:.2f}"]
             )  # fmt: skip
     print(common.table(["lobe", "program", "setting", "error", "bias", "CPU s"], rows))
     print()
     header = ["lobe", "error", "glossy, CPU s", "with preparation", "mitsuba, CPU s",
-              "mitsuba over glossy", "z of the truth"]  # fmt: skip
+              "mitsuba over glossy", "certified, CPU s", "over certified",
+              "z of the truth"]  # fmt: skip
     print(common.table(header, goals))
 
 
