@@ -63,6 +63,8 @@ def test_what_a_command_takes_is_what_its_help_names(capsys: pytest.CaptureFixtu
     for command in ("trace", "plan", "study"):
         said = " ".join(run(capsys, command, "--help")[1].split())
         assert "of one shape, without [[objects]]" in said
+    said = " ".join(run(capsys, "plan", "--help")[1].split())
+    assert "a material of Kurt lobes" in said
     said = " ".join(run(capsys, "trace", "--help")[1].split())
     assert "regular, importance, thesis, lattice, and auto" in said
 
@@ -70,12 +72,10 @@ def test_what_a_command_takes_is_what_its_help_names(capsys: pytest.CaptureFixtu
 def test_the_version_as_text_and_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(capsys, "--version") == (0, f"glossy {glossy.__version__}\n", "")
     for words in (("--version", "--json"), ("--json", "--version")):
-        code, out, _ = run(capsys, *words)
-        assert code == (0 if words[0] == "--version" else code)
-        if code == 0:
-            assert json.loads(out) == {
-                "schema": 1, "command": "version", "version": glossy.__version__
-            }  # fmt: skip
+        code, out, err = run(capsys, *words)
+        assert (code, err) == (0, "")
+        made = {"schema": 1, "command": "version", "version": glossy.__version__}
+        assert json.loads(out) == made
 
 
 @pytest.mark.parametrize(

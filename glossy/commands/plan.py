@@ -3,6 +3,7 @@
 import argparse
 
 from . import options
+from .provenance import provenance
 
 EXAMPLE = """\
 examples:
@@ -24,7 +25,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "plan",
         help="methods, taps and filter for an accepted error",
         description="Choose method and number of taps of each lobe, and the pyramid's filter, for "
-        "a picture and an error that is accepted; predict error and cost.",
+        "a picture and an error that is accepted; predict error and cost. Takes what render takes "
+        "for one shape or a G-buffer: a material of Kurt lobes, given by name, file or parameters "
+        "(no measurements), an environment, and a picture or --any-view.",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -66,7 +69,8 @@ def run(args: argparse.Namespace) -> int:
     )
     result = found.to_dict()
     if args.json:
-        options.report(args, "plan", {"environment": scene.environment.source, **result})
+        made = {"environment": scene.environment.source, **result}
+        options.report(args, "plan", made, provenance(args))
         return 0
     lobes, reasons = result.pop("lobes"), result.pop("reasons")
     for k, lobe in enumerate(lobes):
