@@ -203,6 +203,11 @@ def test_a_smaller_error_never_costs_less(pyramid: glossy.Pyramid) -> None:
     assert len(costs) >= 3
     assert costs == sorted(costs, reverse=True)
     assert costs[0] > costs[-1]
+    truth = glossy.reference(points, material, glossy.environment("spots", size=SIZE)).radiance
+    for found in plans:  # errors of several lobes add with their signs
+        picture = glossy.shade(points, material, pyramid, method="auto", plan=found)
+        assert relative(picture, truth) <= found.bound
+        assert found.error == pytest.approx(relative(picture, truth), abs=1e-3)
 
 
 def test_auto_shades_by_the_plan(pyramid: glossy.Pyramid) -> None:
