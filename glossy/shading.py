@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check, methods, tiles
-from ._arguments import checked, hints, require
+from ._arguments import checked, require
 from ._jit import Scalar, kernel, row_kernel
 from ._threads import in_rows
 from .brdf import Lobe, Material, k_schlick, k_schlick_rest
@@ -399,7 +399,8 @@ def shade(
     """
     function = methods.resolve(method)
     methods.check_options(method, options)
-    require("prepared", prepared, list(hints(function).values())[2])
+    if method not in methods.PREPARE:  # these say what makes theirs
+        require("prepared", prepared, Pyramid)
     if isinstance(material, Lobe):
         material = Material(reflection=[material])
     dtype = _check.dtype_of(precision)

@@ -197,6 +197,7 @@ def test_any_value_works_or_is_one_line_that_names_the_argument(name: str, data:
         ("shade", {"points": PYRAMID, "prepared": POINTS}, "points: must be SurfacePoints, got <"),
         ("shade", {"prepared": CUBE}, "prepared: must be a Pyramid, got <class 'glossy.cubemap.C"),
         ("shade", {"method": "split-sum"}, "samples: is no option of method 'split-sum'"),
+        ("shade", {"method": "thesis", "prepared": []}, r"prepared: must be a Pyramid, got \[\]"),
         ("shade", {"pattern": 7}, "pattern: must be a Pattern or a sequence, got 7"),
         ("trace", {"point": None}, "point: must be SurfacePoints, got None"),
         ("trace", {"pyramid": "studio"}, "pyramid: must be a Pyramid, got 'studio'"),
@@ -221,6 +222,13 @@ def test_any_value_works_or_is_one_line_that_names_the_argument(name: str, data:
 def test_what_is_said(name: str, change: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=f"^{message}"):
         call(name, {**VALID[name], **change})
+
+
+@pytest.mark.parametrize("prepared", [None, "studio", CUBE, PYRAMID, [], POINTS, len])
+@pytest.mark.parametrize("method", ["split-sum", "bent", "axis-taps", "pem", "prefiltered"])
+def test_what_methods_look_up_is_named_by_what_makes_it(method: str, prepared: Any) -> None:
+    with pytest.raises(ValueError, match=r"^prepared: must come from "):
+        glossy.shade(POINTS, LOBE, prepared, method)
 
 
 @pytest.mark.parametrize(

@@ -185,7 +185,8 @@ def test_what_it_refuses_and_leaves_black() -> None:
             glossy.shade(p, lobe, maps, method="pem", **options)
     with pytest.raises(ValueError, match="prepared: must come from partial_maps"):
         glossy.shade(p, lobe, glossy.build_pyramid(maps.cube), method="pem")
-    behind = SurfacePoints(normal=-p.normal, tangent=p.tangent, view=p.view)
+    with pytest.warns(UserWarning, match="4 of 4 points look into the surface"):
+        behind = SurfacePoints(normal=-p.normal, tangent=p.tangent, view=p.view)
     for seen in (None, np.ones(6)):
         assert np.all(glossy.shade(behind, lobe, maps, method="pem", visibility=seen) == 0.0)
     assert np.all(glossy.shade(p, glossy.Material(), maps, method="pem") == 0.0)

@@ -167,7 +167,8 @@ def test_what_has_no_meaning_is_refused(
 def test_masked_points_and_backs_are_black(pyramid: glossy.Pyramid, chain: SplitSumChain) -> None:
     p = rooms.sphere_points(20, 8)
     mask = np.arange(20) % 3 > 0
-    back = SurfacePoints(p.normal, p.tangent, -p.view, position=p.position)
+    with pytest.warns(UserWarning, match="20 of 20 points look into the surface"):
+        back = SurfacePoints(p.normal, p.tangent, -p.view, position=p.position)
     masked = SurfacePoints(p.normal, p.tangent, p.view, mask, p.position)
     for method in ("lattice", "axis-taps"):
         prepared: Any = chain if method in CHAINED else pyramid

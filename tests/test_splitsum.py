@@ -278,7 +278,8 @@ def test_bias_is_octaves_of_blur(cube: CubeMap, chain: SplitSumChain) -> None:
 def test_backs_and_unseen_points_are_black(chain: SplitSumChain) -> None:
     p = points()
     seen = np.arange(60) % 3 > 0
-    back = SurfacePoints(p.normal, p.tangent, -p.view)
+    with pytest.warns(UserWarning, match="60 of 60 points look into the surface"):
+        back = SurfacePoints(p.normal, p.tangent, -p.view)
     masked = SurfacePoints(p.normal, p.tangent, p.view, seen)
     for name in NAMES:
         assert not shade(back, MATERIAL, chain, method=name).any()

@@ -173,7 +173,8 @@ def test_linear_in_ks_and_black_where_nothing_is_left() -> None:
     mirror = glossy.SurfacePoints([0, 0, 1.0], [1.0, 0, 0], [0, 0, 1.0])
     dark = glossy.shade(mirror, glossy.Lobe(0.2, r0=0.0), pyramid, "thesis", samples=1)
     assert np.array_equal(dark, np.zeros(3))
-    behind = glossy.SurfacePoints([0, 0, 1.0], [1.0, 0, 0], [0.6, 0, -0.8])
+    with pytest.warns(UserWarning, match="1 of 1 points look into the surface"):
+        behind = glossy.SurfacePoints([0, 0, 1.0], [1.0, 0, 0], [0.6, 0, -0.8])
     assert np.array_equal(glossy.shade(behind, LOBES["iso"], pyramid, "thesis"), np.zeros(3))
 
 
