@@ -60,6 +60,8 @@ def test_trace_takes_a_gbuffer(
     for where in (["--gbuffer", file], ["--width", "14", "--height", "10"]):
         assert main(["trace", *SIZE, *where, "--pixel", "7,5", "--json"]) == 0
         traced.append(json.loads(capsys.readouterr().out))
+    given = [trace.pop("provenance")["inputs"] for trace in traced]
+    assert [list(inputs) for inputs in given] == [[file], []]
     assert traced[0] == traced[1]
     assert main(["trace", *SIZE, "--gbuffer", file, "--pixel", "0,0"]) == 2
     assert "pixel: must see the surface" in capsys.readouterr().err
