@@ -30,7 +30,7 @@ BoolArray = npt.NDArray[np.bool_]
 LARGEST = 1e12  # coordinate: triple products of single precision end at its cube
 BYTES = 800  # that a triangle takes while this is found out
 TESTED = 100_000_000  # pairs of a part and a triangle about it that are looked at
-SMALL = 1e-8  # angle [rad] of a triangle that has no normal
+SMALL = 1e-8  # angle [rad] of a triangle that has no normal; share of a sum that cancels
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -198,7 +198,10 @@ def _with_normals(
 
 
 def _mean_normals(points: Float64Array, triangles: Int64Array) -> Float64Array:
-    """(V, 3) mean of the triangles' unit normals about each point, by their angles there."""
+    """(V, 3) mean of the triangles' unit normals about each point, by their angles there.
+
+    Zero where they cancel: what rounding leaves of them is no direction.
+    """
     a, b, c = (points[triangles[:, k]] for k in range(3))
     face = _unit(np.cross(b - a, c - b))
     ab, ac, bc = _unit(b - a), _unit(c - a), _unit(c - b)
@@ -208,8 +211,11 @@ def _mean_normals(points: Float64Array, triangles: Int64Array) -> Float64Array:
     angle[(angle < SMALL).any(axis=1)] = 0.0
     corner = triangles.reshape(-1)
     weights = [(angle * face[:, k, None]).reshape(-1) for k in range(3)]
-    total = [np.bincount(corner, w, minlength=len(points)) for w in weights]
-    return _unit(np.stack(total, axis=1))
+    sums = [np.bincount(corner, w, minlength=len(points)) for w in weights]
+    total: Float64Array = np.stack(sums, axis=1, dtype=np.float64)
+    most = np.bincount(corner, angle.reshape(-1), minlength=len(points))
+    total[np.abs(total).max(axis=1) < SMALL * most] = 0.0
+    return _unit(total)
 
 
 def _unit(v: Float64Array) -> Float64Array:
