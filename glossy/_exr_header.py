@@ -208,7 +208,7 @@ def read_header(stream: BinaryIO) -> Header:
         For a header that is damaged, or that claims more than the file can hold.
     """
     length = os.fstat(stream.fileno()).st_size
-    data = stream.read(MOST)
+    data = stream.read(min(MOST, length))
     if len(data) < 9:
         raise HeaderError("damaged or truncated header")
     (version,) = struct.unpack_from("<I", data, 4)

@@ -6,16 +6,24 @@ import pathlib
 import stat
 import tomllib
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeGuard
 
 from . import _check, _memory
 
 MOST_BYTES = 1 << 30
 MOST_TABLE = 1 << 24  # a scene or a material of more is none
 
+LONGEST_NAME = 4096
 WORD = 64  # bytes that a word of a text takes while it is read, its number included
 
 Path = str | os.PathLike[str]
+
+
+def is_name(value: object) -> TypeGuard[str]:
+    """True for a text that may be a path and, quoted in a message, stays on its line."""
+    if not isinstance(value, str) or not 0 < len(value) <= LONGEST_NAME or "\0" in value:
+        return False
+    return len(f"{value}.".splitlines()) == 1
 
 
 def check_words(name: str, text: bytes | str) -> None:
@@ -68,7 +76,7 @@ def _contents(path: Path, most: int) -> bytes:
         raise ValueError(f"{name}: has {size} bytes, more than the limit of {most}")
     try:
         with open(name, "rb") as file:
-            return file.read(most)
+            return file.read(size or most)  # room is made for as much as is asked
     except OSError as error:
         raise type(error)(f"{name}: {(error.strerror or 'unreadable').lower()}") from None
 

@@ -23,7 +23,8 @@ _stdout: TextIO = sys.stdout
 _text = io.StringIO()
 
 _OURS = re.compile(
-    r"\(EXR_ERR_\w+\)|^libpng (error|warning): |^Warning: Exception raised reading pixel data"
+    r"\(EXR_ERR_\w+\)|^libpng (error|warning): |^ojph (info|warning|error) "
+    r"|^Warning: Exception raised reading pixel data"
 )
 
 

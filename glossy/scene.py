@@ -43,7 +43,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import _check
 from ._arguments import checked
-from ._files import read_toml
+from ._files import is_name, read_toml
 from .camera import Camera, Plane, Shape, Sphere, default_camera, surface_points
 from .frames import SurfacePoints
 
@@ -92,9 +92,9 @@ class EnvironmentSource:
     max_pixels: int = 2**28
 
     def __post_init__(self) -> None:
-        if not isinstance(self.source, str):
-            raise _check.fail("source", "must be a name or a path", self.source)
         _check.count("size", self.size)
+        if not is_name(self.source):
+            raise _check.fail("source", "must be a name or a path", self.source)
 
     def load(self) -> "CubeMap":
         """The cube map. Errors of reading are those of ``read_environment``."""
@@ -235,7 +235,7 @@ def _parse(data: Mapping[str, Any], folder: pathlib.Path) -> Scene:
         camera = Camera(**{**given, **camera_table})
     method = _table(data, "method")
     material = data.get("material", "mx=0.15")
-    if isinstance(material, str):
+    if is_name(material):
         material = _beside(material, folder)
     elif isinstance(material, dict):
         make_material(material)
@@ -247,7 +247,7 @@ def _parse(data: Mapping[str, Any], folder: pathlib.Path) -> Scene:
         reading = {key: value for key, value in gbuffer.items() if key != "file"}
         gbuffer = gbuffer.get("file", "")
     if gbuffer is not None:
-        if not isinstance(gbuffer, str) or not gbuffer:
+        if not is_name(gbuffer):
             raise ValueError(f"gbuffer: must be a path, or a table with a file, got {gbuffer!r}")
         if "shape" in data or "camera" in data:
             raise ValueError("gbuffer: stands for shape and camera, which cannot be given too")

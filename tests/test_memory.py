@@ -1,6 +1,7 @@
 """The limit on memory: where it comes from, and the one line that refuses."""
 
 import pathlib
+import tracemalloc
 from collections.abc import Iterator
 
 import numpy as np
@@ -9,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from picture_files import rgb_exr
 
-from glossy import _memory, cli
+from glossy import _files, _memory, cli
 
 
 @pytest.fixture(autouse=True)
@@ -18,6 +19,17 @@ def _no_limit_of_the_caller(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     yield
     _memory.set_limit(None)
     _memory._machine.cache_clear()
+
+
+def test_reading_a_file_makes_room_for_its_size_alone(tmp_path: pathlib.Path) -> None:
+    path = tmp_path / "small.obj"
+    path.write_bytes(b"v 0 0 0\n")
+    tracemalloc.start()
+    try:
+        _files.read_bytes(path)
+        assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    finally:
+        tracemalloc.stop()
 
 
 @given(st.integers(1, 2**50))

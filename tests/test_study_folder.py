@@ -194,6 +194,54 @@ def test_so_are_the_other_files(copy: pathlib.Path, name: str, kind: str) -> Non
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("entries", "words"),
+    [
+        ({"methods": [1]}, r"methods must be of type list\[str\], got \[1\]"),
+        ({"methods": "regular"}, "methods must be of type"),
+        ({"budgets": [[7]]}, "budgets must be of type"),
+        ({"budgets": None}, "budgets must be of type"),
+        ({"cases": ["a"]}, "cases must be of type"),
+        ({"cases": [{"name": {}, "material": {}}]}, "name must be text, got {}"),
+        ({"cases": [{"name": "a", "material": 1}]}, "material must be of type dict, got 1"),
+        ({"cases": [{"name": "a"}]}, "settings or sessions are missing"),
+        ({"baseline": ["a", "b", 1]}, "baseline must be a case, a method and a budget"),
+        ({"baseline": [1]}, "baseline must be"),
+        ({"sessions": []}, "holds no session"),
+        ({"sessions": [1]}, "sessions must be of type"),
+        ({"sessions": [{"arguments": 1}]}, "arguments must be of type dict, got 1"),
+        ({"sessions": [{"command": 1}]}, "command must be text, got 1"),
+    ],
+)
+def test_a_record_of_entries_of_other_types_is_one_line(
+    copy: pathlib.Path, entries: dict[str, Any], words: str
+) -> None:
+    """Whoever changes a record on purpose computes its checksum anew."""
+    manifest = copy / store.MANIFEST
+    value = sealed.read(manifest)
+    for name, entry in entries.items():
+        value["settings" if name != "sessions" else name] = (
+            entry if name == "sessions" else {**value["settings"], name: entry}
+        )
+    manifest.write_text(json.dumps(sealed.sealed(value)))
+    with pytest.raises(ValueError, match=words) as error:
+        store.recorded(copy)
+    assert str(error.value).startswith(f"{manifest}: not the record of a study: ")
+    assert "\n" not in str(error.value)
+
+
+def test_settings_that_others_lack_are_named_on_one_line(
+    copy: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    manifest = copy / store.MANIFEST
+    value = sealed.read(manifest)
+    value["settings"]["methods"].append("a\n\x85b")
+    manifest.write_text(json.dumps(sealed.sealed(value)))
+    with pytest.raises(ValueError, match="methods without a b") as error:
+        small(tmp_path, resume=True)
+    assert len(str(error.value).splitlines()) == 1
+
+
 def arrays(path: pathlib.Path, **entries: Any) -> None:
     """The truth's file with other arrays."""
     with np.load(path) as found:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from .. import _check, methods
-from .._files import check_regular
+from .._files import check_regular, is_name
 from ..brdf import Material
 from ..camera import Camera
 from ..scene import EnvironmentSource, make_material
@@ -79,7 +79,7 @@ def _build(where: str, kind: Callable[..., T], table: Table) -> T:
 
 
 def _file(where: str, value: object, folder: pathlib.Path) -> str:
-    if not isinstance(value, str) or not value or "\0" in value:
+    if not is_name(value):
         raise _check.fail(where, "must be a path", value)
     path = str(folder / value)
     try:

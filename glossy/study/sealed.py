@@ -116,9 +116,15 @@ def _check_fields(found: dict[str, Any], hints: dict[str, Any]) -> None:
         if names:
             raise ValueError(f"{words} {', '.join(sorted(names))}")
     for name, hint in hints.items():
-        if not _fits(found[name], hint):
-            words = WORDS.get(hint, f"of type {hint}")
-            raise ValueError(f"{name} must be {words}, got {_short(found[name])}")
+        check_entry(name, found[name], hint)
+
+
+def check_entry(name: str, value: Any, hint: Any) -> None:
+    """Refuse a value of JSON that is not of the type of the hint, in one line with its name."""
+    if not _fits(value, hint):
+        kind = hint.__name__ if isinstance(hint, type) else hint
+        words = WORDS.get(hint, f"of type {kind}")
+        raise ValueError(f"{name} must be {words}, got {_short(value)}")
 
 
 def _fits(value: Any, hint: Any) -> bool:
@@ -129,4 +135,4 @@ def _fits(value: Any, hint: Any) -> bool:
     if hint is float:
         real = isinstance(value, int | float) and not isinstance(value, bool)
         return real and abs(value) <= sys.float_info.max
-    return type(value) is hint
+    return type(value) is (get_origin(hint) or hint)

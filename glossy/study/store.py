@@ -13,6 +13,7 @@ mark of what it was measured with; one that does not fit is refused and stays wh
 """
 
 import contextlib
+import itertools
 import json
 import os
 import pathlib
@@ -23,6 +24,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .. import _check
 from .._npz import load_npz
 from .._output import write_npz, write_text
 from . import sealed
@@ -32,6 +34,12 @@ from .settings import digest
 MANIFEST = "study.lock.json"
 TRUTH = ("radiance", "error", "kind", "seconds", "study")
 GROWING = ("cases", "methods", "budgets", "thresholds")  # settings that may become more
+CASE: dict[str, Any] = {"name": str, "material": dict}
+SETTINGS: dict[str, Any] = {
+    "cases": list[dict[str, Any]], "methods": list[str], "budgets": list[int], "thresholds": dict,
+    "baseline": list,
+}  # fmt: skip
+"""Entries of a record that are read again, beside the sessions; others are only compared."""
 LEFT_OVER = re.compile(r"\..+-[0-9a-f]{12}\.(json|npz|csv|md|png)")
 """Name of a file that was being written when its process ended."""
 Array = npt.NDArray[np.float64]
@@ -56,13 +64,29 @@ def recorded(folder: str | os.PathLike[str]) -> tuple[dict[str, Any], list[Any]]
     with _naming(manifest, "the record of a study"):
         found = sealed.read(manifest)
         try:
-            settings, sessions = dict(found["settings"]), list(found["sessions"])
-            kept = [dict(session) for session in sessions]
-            for name in (*GROWING, "baseline"):
-                list(settings[name])
-        except (KeyError, TypeError, ValueError):
+            settings, sessions = found["settings"], found["sessions"]
+            _check_entries(settings, SETTINGS)
+            sealed.check_entry("sessions", sessions, list[dict[str, Any]])
+            for case in settings["cases"]:
+                _check_entries(case, CASE)
+            for session in sessions:
+                sealed.check_entry("arguments", session.get("arguments", {}), dict)
+                sealed.check_entry("command", session.get("command", ""), str)
+            names = [case["name"] for case in settings["cases"]]
+            whole = itertools.product(names, settings["methods"], settings["budgets"])
+        except KeyError:
             raise ValueError("settings or sessions are missing") from None
-    return settings, kept
+        if not sessions:
+            raise ValueError("holds no session")
+        if tuple(settings["baseline"]) not in list(whole):
+            raise ValueError("baseline must be a case, a method and a budget of the study")
+    return settings, sessions
+
+
+def _check_entries(value: Any, kinds: dict[str, Any]) -> None:
+    sealed.check_entry("settings", value, dict)
+    for name, kind in kinds.items():
+        sealed.check_entry(name, value[name], kind)
 
 
 @contextlib.contextmanager
@@ -220,4 +244,4 @@ def _changes(old: dict[str, Any], new: dict[str, Any]) -> Iterator[str]:
         lost = [one for one in list(before or []) if one not in (now or [])]
         if lost:
             words = [one["name"] if isinstance(one, dict) else str(one) for one in lost]
-            yield f"{name} without {' '.join(words)}"
+            yield _check.shortened(f"{name} without {' '.join(words)}")
