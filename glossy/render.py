@@ -55,7 +55,7 @@ class Rendering:
 
 @dataclasses.dataclass(frozen=True)
 class TruthRendering:
-    """The ground truth of a picture: ``image`` and ``error`` (H, W, 3), "bound" or "standard"."""
+    """The ground truth of a picture: ``image`` and ``error`` (H, W, 3), by `error_kind`."""
 
     image: FloatArray
     error: FloatArray
