@@ -68,7 +68,8 @@ def points() -> glossy.SurfacePoints:
     v[0] = n[0]
     grazing = unit(np.cross(n[1], v[1]))
     v[1] = unit(grazing + np.linspace(1e-3, 0.1, 32)[:, None] * n[1])
-    return glossy.SurfacePoints(n, unit(t - np.sum(t * n, -1, keepdims=True) * n), v)
+    with pytest.warns(UserWarning, match="look into the surface"):
+        return glossy.SurfacePoints(n, unit(t - np.sum(t * n, -1, keepdims=True) * n), v)
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +160,8 @@ def test_bounding_planes_turn_the_lookups(
     """Positions that the shader computes from the normal, in a box that is not about the origin."""
     room = glossy.BoundingPlanes.box([-1, -2, -1.5], [2, 1, 1], centre=[0.2, -0.3, 0], blend=blend)
     position = 0.5 * points.normal + np.array([0.25, 0.125, -0.25])
-    placed = glossy.SurfacePoints(points.normal, points.tangent, points.view, position=position)
+    with pytest.warns(UserWarning, match="look into the surface"):
+        placed = glossy.SurfacePoints(points.normal, points.tangent, points.view, position=position)
     expected = glossy.shade(placed, FOIL, pyramid, parallax=room)
     assert glossy.relative_rms(glossy.shade(points, FOIL, pyramid), expected) > 0.1
     text = glossy.export_shader(FOIL, parallax=room)
