@@ -5,6 +5,7 @@ import os
 import pathlib
 import stat
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -174,6 +175,15 @@ def test_only_regular_files_are_replaced(tmp_path: pathlib.Path, kind: str) -> N
     after = os.stat(path)
     assert stat.S_IFMT(after.st_mode) == stat.S_IFMT(before.st_mode)
     assert after.st_ino == before.st_ino
+
+
+def test_writers_of_one_file_at_once_leave_one_of_theirs_whole(tmp_path: pathlib.Path) -> None:
+    path, texts = tmp_path / "a.txt", [letter * 70_000 for letter in "abcdefgh"]
+    with ThreadPoolExecutor(8) as pool:
+        for _ in range(5):
+            list(pool.map(lambda text: _output.write_text(path, text), texts))
+            assert path.read_text() in texts
+    assert os.listdir(tmp_path) == ["a.txt"]
 
 
 def test_mode_and_owner_of_a_replaced_file_are_kept(tmp_path: pathlib.Path) -> None:
