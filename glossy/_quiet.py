@@ -1,11 +1,12 @@
 """Catching what the image libraries print while they read or write.
 
-The C libraries explain a damaged file on the process's standard error, and OpenEXR's binding
-prints a warning on standard output; both would break a command's one-line errors and its JSON.
+The C libraries explain a damaged file on the process's standard error or output, and OpenEXR's
+binding prints a warning; they would break a command's one-line errors and its JSON.
 Other threads that print meanwhile lose nothing: their lines are passed on afterwards.
 """
 
 import contextlib
+import ctypes
 import io
 import os
 import re
@@ -17,8 +18,7 @@ from typing import IO, TextIO
 
 _lock = threading.Lock()
 _users = 0
-_file: IO[bytes] | None = None
-_saved = -1
+_files: dict[int, tuple[IO[bytes], int]] = {}  # by descriptor: what is caught, and where it led
 _stdout: TextIO = sys.stdout
 _text = io.StringIO()
 
@@ -29,54 +29,62 @@ _OURS = re.compile(
 
 
 def _begin() -> None:
-    global _users, _file, _saved, _stdout, _text
+    global _users, _stdout, _text
     with _lock:
         _users += 1
         if _users > 1:
             return
         _text, _stdout = io.StringIO(), sys.stdout
         sys.stdout = _text
-        with contextlib.suppress(OSError):  # no standard error, or no place for the file
-            _file = tempfile.TemporaryFile()  # noqa: SIM115 (closed in _end)
-            _saved = os.dup(2)
-            os.dup2(_file.fileno(), 2)
+        _flush()
+        for number in (1, 2):
+            with contextlib.suppress(OSError):  # closed, or no place for the file
+                file = tempfile.TemporaryFile()  # noqa: SIM115 (closed in _end)
+                _files[number] = file, os.dup(number)
+                os.dup2(file.fileno(), number)
 
 
 def _end() -> None:
-    global _users, _file, _saved
+    global _users
     with _lock:
         _users -= 1
         if _users:
             return
         sys.stdout = _stdout
-        text = _said()
-        if _saved >= 0:
-            os.dup2(_saved, 2)
+        _flush()
+        for number, (file, saved) in _files.items():
+            text = _said(number)
+            os.dup2(saved, number)
             with contextlib.suppress(OSError):
-                os.close(_saved)
-        if _file is not None:
-            _file.close()
-        _file, _saved = None, -1
-        for line in text.splitlines(keepends=True):
-            if not _OURS.search(line):
-                os.write(2, line.encode(errors="replace"))
+                os.close(saved)
+            file.close()
+            for said in text.splitlines(keepends=True):
+                if not _OURS.search(said.decode("latin-1")):
+                    os.write(number, said)
+        _files.clear()
         for line in _text.getvalue().splitlines(keepends=True):
             if not _OURS.search(line):
                 sys.stdout.write(line)
 
 
-def _said() -> str:
-    if _file is None:
-        return ""
+def _flush() -> None:
+    """Let go of what C's ``printf`` holds back where standard output is no terminal."""
+    with contextlib.suppress(OSError, AttributeError, TypeError):  # no such library by no name
+        ctypes.CDLL(None).fflush(None)
+
+
+def _said(number: int = 2) -> bytes:
+    if number not in _files:
+        return b""
     try:
-        size = os.fstat(_file.fileno()).st_size
-        return os.pread(_file.fileno(), size, 0).decode(errors="replace")
+        file = _files[number][0].fileno()
+        return os.pread(file, os.fstat(file).st_size, 0)
     except OSError:
-        return ""
+        return b""
 
 
 def _reason(name: str) -> str:
-    lines = [m for m in _said().splitlines() if m.startswith(f"{name}: ")]
+    lines = [m for m in _said().decode(errors="replace").splitlines() if m.startswith(f"{name}: ")]
     return _OURS.sub("", lines[0][len(name) + 2 :]).strip() if lines else ""
 
 

@@ -124,7 +124,7 @@ def read_gbuffer(
     found = _from_npz(file, names) if suffix == ".npz" else _from_exr(file, names)
     for name in dict.fromkeys(("normal", "view", *names)):
         if name not in found:
-            called = names.get(name, name)
+            called = _check.shortened(names.get(name, name))
             several = name != "mask" and suffix == ".exr"
             where = f"channels {called}.X, {called}.Y, {called}.Z" if several else called
             raise ValueError(f"{file}: misses {where if suffix == '.exr' else 'array ' + called}")

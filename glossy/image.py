@@ -56,6 +56,9 @@ RADIANCE = (0.640, 0.330, 0.290, 0.600, 0.150, 0.060, 0.3333, 0.3333)  # what it
 class ImageError(ValueError):
     """A file that cannot be used as an image; one line that starts with its name."""
 
+    def __init__(self, text: str) -> None:
+        super().__init__(" ".join(text.splitlines()))  # it may quote a channel's name
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Planes:
@@ -79,7 +82,7 @@ class Planes:
         """The named channels; ``ValueError`` lists what there is if one is missing."""
         missing = [n for n in names if n not in self.planes]
         if missing:
-            raise ValueError(
+            raise ImageError(
                 f"{self.name}: has no channel {', '.join(missing)}; it has {', '.join(self.planes)}"
             )
         return [self.planes[n] for n in names]
@@ -107,7 +110,7 @@ class Image:
         """Pixels (H, W, 3): channels R, G, B, or a lone Y three times; else a ``ValueError``."""
         names = colour_channels(self.channels)
         if names is None:
-            raise ValueError(
+            raise ImageError(
                 f"image: has no R, G, B and no Y alone, only {', '.join(self.channels)}"
             )
         picked = self.pixels[..., [self.channels.index(n) for n in names]]

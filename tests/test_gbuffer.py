@@ -222,6 +222,7 @@ def test_options_of_a_gbuffer_need_one(
         ({"normalise": "yes"}, "normalise: must be True or False"),
         ({"normal": 3}, "normal: must be what the file calls it"),
         ({"mask": "alpha"}, "p.npz: misses array alpha"),
+        ({"mask": "a\n\x85b"}, "p.npz: misses array a b$"),
     ],
 )
 def test_bad_options_are_named(

@@ -1,5 +1,6 @@
 """Images in and out: what is read is what is stored, and every refusal is one line."""
 
+import ctypes
 import os
 import pathlib
 import struct
@@ -17,6 +18,7 @@ import tolerances
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from picture_files import exr_bytes
 
 from glossy import _output, image, image_write
 
@@ -465,7 +467,8 @@ def test_png_writer_is_exact(
     path = tmp_path_factory.getbasetemp() / "written.png"
     image_write.write_png(path, samples)
     buffer = OpenImageIO.ImageBuf(str(path))
-    assert buffer.spec().get_string_attribute("oiio:ColorSpace").startswith("srgb")
+    space = buffer.spec().get_string_attribute("oiio:ColorSpace").lower()
+    assert space.startswith("srgb")
     np.testing.assert_array_equal(buffer.get_pixels(samples.dtype.name), samples)
     if samples.dtype == np.uint8:
         shown = np.atleast_3d(matplotlib.image.imread(path))
@@ -599,10 +602,29 @@ def test_messages_of_others_are_passed_on(capfd: pytest.CaptureFixture[str]) -> 
 
     with c_messages() as said:
         os.write(2, b"another thread's line\nx.exr: (EXR_ERR_BAD) because\n")
+        os.write(1, b"ojph warning 0x1 at a.cpp:1: odd\nbytes \xff\r\x00\n")
+        ctypes.CDLL(None).printf(b"ojph info 0x2 at a.cpp:2: held back by C\n")
         print("printed meanwhile")
         assert said("x.exr") == "because"
     out = capfd.readouterr()
-    assert (out.out, out.err) == ("printed meanwhile\n", "another thread's line\n")
+    assert out.err == "another thread's line\n"
+    assert out.out.endswith("\x00\nprinted meanwhile\n")
+    assert "ojph" not in out.out
+
+
+def test_a_channel_whose_name_has_two_lines_is_named_on_one(tmp_path: pathlib.Path) -> None:
+    path = tmp_path / "a.exr"
+    planes = {b"a\x0bb": np.zeros((2, 2), np.float32)}
+    data = exr_bytes(planes)
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match="it has a b") as error:
+        image.read_planes(path).select(["R"])
+    assert len(str(error.value).splitlines()) == 1
+    at = data.index(b"a\x0bb\0") + 4 + 8
+    path.write_bytes(data[:at] + struct.pack("<i", 2) + data[at + 4 :])
+    with pytest.raises(ValueError, match="channel a b is subsampled") as error:
+        image.read_planes(path)
+    assert len(str(error.value).splitlines()) == 1
 
 
 def test_no_module_of_the_comparison_loads_a_compiler() -> None:
