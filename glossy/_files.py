@@ -76,7 +76,7 @@ def _contents(path: Path, most: int) -> bytes:
         raise ValueError(f"{name}: has {size} bytes, more than the limit of {most}")
     try:
         with open(name, "rb") as file:
-            return file.read(size or most)  # room is made for as much as is asked
+            return file.read(size)  # room is made for as much as is asked
     except OSError as error:
         raise type(error)(f"{name}: {(error.strerror or 'unreadable').lower()}") from None
 

@@ -21,12 +21,16 @@ def _no_limit_of_the_caller(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     _memory._machine.cache_clear()
 
 
-def test_reading_a_file_makes_room_for_its_size_alone(tmp_path: pathlib.Path) -> None:
+@pytest.mark.parametrize("text", [b"", b"a = 1\n"])
+def test_reading_a_file_makes_room_for_its_size_alone(tmp_path: pathlib.Path, text: bytes) -> None:
     path = tmp_path / "small.obj"
-    path.write_bytes(b"v 0 0 0\n")
+    path.write_bytes(text)
     tracemalloc.start()
     try:
-        _files.read_bytes(path)
+        if text:
+            assert _files.read_bytes(path) == text
+        else:
+            assert _files.read_table(path) == {}
         assert tracemalloc.get_traced_memory()[1] < 1 << 20
     finally:
         tracemalloc.stop()

@@ -236,10 +236,34 @@ def test_settings_that_others_lack_are_named_on_one_line(
     manifest = copy / store.MANIFEST
     value = sealed.read(manifest)
     value["settings"]["methods"].append("a\n\x85b")
+    value["settings"]["c\nd"] = 1
     manifest.write_text(json.dumps(sealed.sealed(value)))
-    with pytest.raises(ValueError, match="methods without a b") as error:
+    with pytest.raises(ValueError, match="methods without a b, c d") as error:
         small(tmp_path, resume=True)
     assert len(str(error.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "entries",
+    [
+        {"seconds": np.zeros(2)},
+        {"seconds": np.array("1")},
+        {"kind": np.array(["bound"])},
+        {"radiance": np.zeros((3, 3))},
+        {"error": np.zeros((3, 3))},
+        {"radiance": np.zeros(3)},
+    ],
+)
+def test_a_truth_of_other_shapes_is_one_line(copy: pathlib.Path, entries: dict[str, Any]) -> None:
+    file = next(copy.glob("truth/*"))
+    with np.load(file) as found:
+        whole = {name: value for name, value in {**found, **entries}.items() if name != "sha256"}
+    np.savez(file, **whole, sha256=np.array(sealed.array_checksum(whole)))
+    with pytest.raises(
+        ValueError, match="its arrays are of other shapes or types; delete"
+    ) as error:
+        resumed(copy)
+    assert str(error.value).startswith(f"{file}: ")
 
 
 def arrays(path: pathlib.Path, **entries: Any) -> None:

@@ -145,11 +145,9 @@ class Store:
         if old is None:
             raise ValueError(f"{self.folder / MANIFEST}: not the record of a study: is missing")
         settings, self.sessions = old
-        changed = list(_changes(settings, self.settings))
+        changed = _check.shortened(", ".join(_changes(settings, self.settings)))
         if changed:
-            raise ValueError(
-                f"{self.folder}: holds a study with other settings ({', '.join(changed)})"
-            )
+            raise ValueError(f"{self.folder}: holds a study with other settings ({changed})")
 
     def _sweep(self) -> None:
         """Remove what processes that were killed had begun to write."""
@@ -223,6 +221,11 @@ class Store:
             if str(checksum) != sealed.array_checksum(found):
                 raise ValueError("changed since it was written: its checksum is another")
             self._check_mark(str(found.pop("study")), case)
+            shapes = [found[name].shape for name in ("radiance", "error", "kind", "seconds")]
+            kinds = "".join(found[name].dtype.kind for name in ("radiance", "error", "seconds"))
+            pixels = (self.settings["pixels"], 3)
+            if shapes != [pixels, pixels, (), ()] or kinds != "fff":
+                raise ValueError("its arrays are of other shapes or types")
         return found
 
     def put_truth(self, key: str, case: str, arrays: dict[str, Any]) -> None:
@@ -244,4 +247,4 @@ def _changes(old: dict[str, Any], new: dict[str, Any]) -> Iterator[str]:
         lost = [one for one in list(before or []) if one not in (now or [])]
         if lost:
             words = [one["name"] if isinstance(one, dict) else str(one) for one in lost]
-            yield _check.shortened(f"{name} without {' '.join(words)}")
+            yield f"{name} without {' '.join(words)}"
