@@ -309,6 +309,33 @@ def test_nothing_to_see_takes_nothing(pyramid: glossy.Pyramid) -> None:
     assert not glossy.shade(hidden, glossy.Lobe(0.1), pyramid, method="auto").any()
 
 
+@pytest.mark.parametrize("ks", [3.0, (0.0, 1.0, 1.0)])
+def test_a_candidate_beyond_single_precision_is_not_taken_for_right(ks: Any) -> None:
+    """Their NaN compared as no error at all: a bound of .003 for what cannot be shaded."""
+    faces = 3e38 * np.random.default_rng(0).random((6, 8, 8, 3))
+    near = glossy.build_pyramid(glossy.CubeMap(faces.astype(np.float32)))
+    lobe, points = glossy.Lobe(0.2, ks=ks), ball(1, 4)
+    for seen in (points, None):
+        found = glossy.plan(lobe, near, max_error=0.03, points=seen, filters=())
+        if found.reached:
+            image = glossy.shade(points, lobe, near, method="auto", plan=found).astype(np.float64)
+            truth = glossy.reference(points, lobe, glossy.CubeMap(faces.astype(np.float32)))
+            assert relative(image, truth.radiance) <= found.bound
+        else:
+            assert found.bound > 0.03
+
+
+def test_bounding_planes_leave_an_estimate(pyramid: glossy.Pyramid) -> None:
+    points, lobe = ball(1, 5), glossy.Lobe(0.1)
+    planes = glossy.BoundingPlanes.box((-1, -1, -1), (1, 1, 1))
+    given: dict[str, Any] = {"points": points, "filters": ()}
+    free = glossy.plan(lobe, pyramid, **given)
+    found = glossy.plan(lobe, pyramid, parallax=planes, **given)
+    assert (free.bound_kind, found.bound_kind) == ("bound", "estimate")
+    assert "bounding planes" in found.reasons[-1]
+    assert (found.samples, found.bound) == (free.samples, free.bound)
+
+
 def test_a_bound_without_end_is_null_in_json(pyramid: glossy.Pyramid) -> None:
     found = dataclasses.replace(glossy.plan(glossy.Lobe(0.1), pyramid, filters=()), bound=np.inf)
     assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["bound"] is None

@@ -19,6 +19,7 @@ from .. import _check
 from .._arguments import checked
 from ..brdf import Lobe, Material
 from ..frames import SurfacePoints
+from ..planes import BoundingPlanes
 from ..pyramid import FILTERS as ALL_FILTERS
 from ..pyramid import Pyramid, build_pyramid
 from .model import CANDIDATES, FILTERS, Candidate, build_cost, lobe_cost
@@ -66,8 +67,9 @@ class Plan:
         pyramid's share if ``pixels`` was given.
     reasons : tuple of str
     bound_kind : "bound" or "estimate"
-        A "bound" holds for every picture of these points: all of them were measured. An
-        "estimate" is of points drawn, or of views that are not known.
+        A "bound" holds for the picture of these points, looked up without bounding planes: all of
+        them were measured. An "estimate" is of points drawn, of views that are not known, or made
+        without the planes that there will be.
     points : int
         How many were measured.
     """
@@ -110,6 +112,7 @@ def plan(
     filters: Sequence[str] | None = None,
     pixels: int | None = None,
     points: SurfacePoints | None = None,
+    parallax: BoundingPlanes | None = None,
 ) -> Plan:
     """Choose method and samples of every lobe, and the pyramid's filter.
 
@@ -129,6 +132,9 @@ def plan(
     points : SurfacePoints, optional
         What will be shaded. Left out, the bound has to cover views of up to 80 degrees of any
         surface, however narrow, which takes more taps and often cannot be had.
+    parallax : BoundingPlanes, optional
+        What lookups will be turned by. The plan is measured without, so that its bound is an
+        estimate.
 
     Returns
     -------
@@ -166,6 +172,9 @@ def plan(
             other = build_pyramid(cube, filter=name, storage=pyramid.storage)
             found.append(choose(other, name))
     best = min(found, key=_rank)
+    if parallax is not None:
+        why = "measured without the bounding planes: the bound is an estimate"
+        best = dataclasses.replace(best, bound_kind="estimate", reasons=(*best.reasons, why))
     if len(found) > 1:
         rest = ", ".join(f"{p.filter} {_figures(p)}" for p in found if p is not best)
         best = dataclasses.replace(

@@ -41,6 +41,7 @@ TOLERANCE = 3e-3  # of the truth, at each point and lobe
 WORK = 200_000  # evaluations of it, for each
 SURE = 2.0  # standard errors
 AT_ONCE = 256  # choices
+OVERFLOWN = 1e100  # error of a candidate that leaves single precision: NaN would compare as none
 
 _finest: list[tuple["weakref.ref[Pyramid]", bytes, CubeMap]] = []
 
@@ -136,10 +137,11 @@ def _ratio(a: Float64Array, b: Float64Array | float) -> Float64Array:
 def probe(material: Material, pyramid: Pyramid, views: Views, truth: Truths) -> Probe:
     """Measure every candidate of every lobe of a material."""
     errors = np.empty((len(truth.radiance), len(CANDIDATES), *truth.off.shape))
-    with using(1):
+    with using(1), np.errstate(invalid="ignore", over="ignore"):
         for j, pair in enumerate(material.sided_lobes()):
             for k, candidate in enumerate(CANDIDATES):
                 errors[j, k] = -truth.radiance[j]
                 if candidate.samples:
                     errors[j, k] += run_candidate(candidate, views.points, alone(*pair), pyramid)
+    errors[~np.isfinite(errors)] = OVERFLOWN
     return Probe(errors, truth, views)
