@@ -60,7 +60,9 @@ class Attribute:
             return False
         if kind in ("string", "chlist"):
             return _is_utf8(self.data)
-        return len(self.data) == TYPES[kind] and (kind != "envmap" or self.data[0] < 2)
+        if len(self.data) != TYPES[kind] or (kind == "envmap" and self.data[0] > 1):
+            return False
+        return kind != "rational" or self.data[4:] != bytes(4)  # a fraction over zero
 
     def encoded(self) -> "Attribute | None":
         """The same with names and texts in UTF-8; None if the binding takes no such type."""
@@ -117,7 +119,10 @@ class Header:
         """
         width, height = self.size
         ratio = LARGEST_RATIO.get(self.compression, math.inf)
-        if self.end + 8 * self.chunks + width * height * self.pixel_bytes / ratio > self.length:
+        pixels = sum(
+            s * (width // max(x, 1)) * (height // max(y, 1)) for _, s, x, y in self.channels
+        )
+        if self.end + 8 * self.chunks + pixels / ratio > self.length:
             raise HeaderError(
                 f"truncated, or a damaged header: {self.length} bytes cannot hold "
                 f"{width} x {height} pixels in {self.chunks} chunks"
@@ -272,7 +277,8 @@ def _for_the_binding(header: Header) -> list[Attribute]:
 def readable(name: str, header: Header) -> Iterator[str]:
     """A path that the binding reads: the file, or a temporary copy with a header it takes."""
     across, down, _ = header.tile or (1, 1, 0)
-    if all(a.taken for a in header.attributes) and across * down * header.pixel_bytes <= BIG_TILE:
+    taken = all(a.taken for a in header.attributes) and _is_utf8(os.fsencode(name))
+    if taken and across * down * header.pixel_bytes <= BIG_TILE:
         yield name
         return
     kept = _for_the_binding(header)

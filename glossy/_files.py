@@ -1,5 +1,6 @@
 """Bytes of a file, with the refusals that all readers share."""
 
+import codecs
 import json
 import os
 import pathlib
@@ -112,6 +113,8 @@ def read_table(path: Path) -> Any:
 
 def _parsed(path: Path, kind: str, parse: Callable[[str], Any]) -> Any:
     data = _contents(path, MOST_TABLE)
+    if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) or b"\0" in data:
+        raise ValueError(f"{os.fspath(path)}: must be {kind} in UTF-8, not in UTF-16 or binary")
     try:
         return parse(data.decode("utf-8-sig"))
     except RecursionError:

@@ -25,6 +25,7 @@ DEFLATE = 1032  # the largest ratio of a PNG's packing
 MOST_CHUNK = 8_000_000  # bytes that libpng unpacks one text or profile to
 MOST_TEXT = 1 << 28  # bytes that all of a file's may unpack to
 MOST_HEAD = 1 << 16
+SEVERAL = "holds several images; one image per file is read"
 MOST_JPEG = 80_000_000  # pixels; imageio's decoder warns of bombs beyond
 
 
@@ -32,15 +33,17 @@ class FormatError(ValueError):
     """Why a file is not read, without its name."""
 
 
-def _png_texts(stream: BinaryIO) -> int:
-    # bytes that the texts and profiles of a PNG may unpack to
+def _check_png(stream: BinaryIO) -> None:
+    # refuse what the library would unpack without end, or leave out: all pictures but the first
     total, at = 0, 8
     while True:
         stream.seek(at)
         head = stream.read(8)
         if len(head) < 8 or head[4:] == b"IEND":
-            return total
+            break
         length, kind = struct.unpack(">I4s", head)
+        if kind == b"acTL" and int.from_bytes(stream.read(4)) > 1:
+            raise FormatError(SEVERAL)
         packed = kind in (b"zTXt", b"iCCP")
         if kind == b"iTXt":  # packed if the byte after its name says so
             start = stream.read(min(length, 82))
@@ -48,6 +51,8 @@ def _png_texts(stream: BinaryIO) -> int:
         if packed:
             total += min(DEFLATE * length, MOST_CHUNK)
         at += 12 + length
+    if total > MOST_TEXT:
+        raise FormatError("its packed texts and profiles may unpack to more than 256 MiB")
 
 
 def _jpeg_xl(head: bytes) -> tuple[int, int, int] | None:
@@ -97,8 +102,8 @@ def _check_first(name: str, check_size: CheckSize) -> None:
         size = claimed_size(head)
         if size:
             check_size(*size, 4)
-        if head[:8] == b"\x89PNG\r\n\x1a\n" and _png_texts(stream) > MOST_TEXT:
-            raise FormatError("its packed texts and profiles may unpack to more than 256 MiB")
+        if head[:8] == b"\x89PNG\r\n\x1a\n":
+            _check_png(stream)
 
 
 def read_planes(
@@ -177,7 +182,7 @@ def _check_spec(source: Any, spec: Any, kind: str, check_size: CheckSize) -> Non
     several = source.seek_subimage(1, 0)
     source.geterror()  # forget that there is no second one
     if several:
-        raise FormatError("holds several images; one image per file is read")
+        raise FormatError(SEVERAL)
     source.seek_subimage(0, 0)
     if kind not in KINDS:
         raise FormatError(f"samples of type {kind} are not read")

@@ -5,10 +5,13 @@ A pixel of mantissas m and exponent E holds, as most programs read it, ::
     value = m 2^(E - 136)        (E = 0: black)                                              (1)
 
 and the radiance is that divided by the product of all EXPOSURE lines and, for each channel, of all
-COLORCORR lines. A scanline that starts with the bytes 2, 2 and its width holds each of the four
-components in turn, with its own run lengths. Any other holds pixels as they are, and one of
-mantissas 1, 1, 1 repeats the pixel before it, as often as its exponent says; several in a row are
-the digits of that count, the lowest first, base 256.
+COLORCORR lines. An entry is a name in capitals from the first column on: programs that put pictures
+together indent the headers of their inputs, which no longer apply.
+
+A scanline that starts with the bytes 2, 2 and its width holds each of the four components in turn,
+with its own run lengths. Any other holds pixels as they are, and one of mantissas 1, 1, 1 repeats
+the pixel before it, as often as its exponent says; several in a row are the digits of that count,
+the lowest first, base 256.
 
 Source: G. Ward, "Real Pixels", Graphics Gems II; the manual of the Radiance file formats.
 """
@@ -95,7 +98,7 @@ def read_header(data: bytes) -> Header:
         if not line:
             break
         key, _, text = line.decode("latin-1").partition("=")
-        key, text = key.strip().upper(), text.strip()
+        key, text = key.rstrip(), text.strip()
         if key == "FORMAT" and text != FORMAT:
             what = "CIE XYZ (32-bit_rle_xyze)" if text == "32-bit_rle_xyze" else repr(text[:40])
             raise RadianceError(f"pixels are {what}, only {FORMAT} is read")

@@ -178,6 +178,7 @@ def test_folders_that_cannot_be_compared_at_all(
     assert "holds no images" in refusal(capfd, "empty", "hidden")
     image.write_image("a.exr", PIXELS)
     assert "x: is a folder and the other is not" in refusal(capfd, "x", "a.exr")
+    assert "nowhere: no such file or directory" in refusal(capfd, "nowhere", "x")
     monkeypatch.setattr(compare_folders, "MOST_FILES", 2)
     assert "x: holds more than 2 files" in refusal(capfd, "x", "y")
 

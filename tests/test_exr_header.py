@@ -68,6 +68,7 @@ def test_channels_of_any_names_are_read(file: pathlib.Path, names: list[bytes]) 
         (b"list", b"stringvector", struct.pack("<i", 1) + b"\xe9"),
         (b"short", b"int", b"\1"),
         (b"envmap", b"envmap", b"\x09"),
+        (b"framesPerSecond", b"rational", bytes(8)),
         (b"a name of more than thirty-one characters \xe9", b"float", bytes(4)),
     ],
 )
@@ -85,6 +86,26 @@ def test_attributes_that_the_binding_lacks_are_left_out(
     odd = with_attribute(file.read_bytes(), -(-325 // lines), attribute(name, kind, data))
     file.write_bytes(odd)
     np.testing.assert_array_equal(image.read_image(file).pixels, plain)
+
+
+def test_a_name_that_is_not_utf8_is_read_and_written(file: pathlib.Path) -> None:
+    odd = os.fsdecode(os.fsencode(file.parent) + b"/caf\xe9.exr")
+    pathlib.Path(odd).write_bytes(rgb_exr(PIXELS))
+    np.testing.assert_array_equal(image.read_image(odd).pixels, PIXELS)
+
+
+def test_subsampled_channels_are_what_is_said(file: pathlib.Path) -> None:
+    """Luminance and half chroma without compression: less than whole channels would take."""
+    luminance = exr_bytes({b"Y": np.ones((2, 400), np.float32)})
+    one = b"Y\0" + struct.pack("<i4xii", 2, 1, 1)
+    three = (
+        b"BY\0" + struct.pack("<i4xii", 2, 2, 2) + b"RY\0" + struct.pack("<i4xii", 2, 2, 2) + one
+    )
+    size = struct.pack("<i", len(one) + 1), struct.pack("<i", len(three) + 1)
+    body = luminance.replace(size[0] + one, size[1] + three) + bytes(1600)
+    file.write_bytes(body)
+    with pytest.raises(ValueError, match=r"channel BY is subsampled, which is not read"):
+        image.read_image(file)
 
 
 def test_tiles_are_copied_with_their_offsets(file: pathlib.Path) -> None:

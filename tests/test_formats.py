@@ -38,6 +38,16 @@ def test_packed_texts_of_a_png_are_bounded(tmp_path: pathlib.Path) -> None:
             image.read_image(path, "linear")
 
 
+def test_animated_pictures_are_refused(tmp_path: pathlib.Path) -> None:
+    """Their first frame is not all that they show; one frame is."""
+    path = tmp_path / "a.png"
+    path.write_bytes(png(chunk(b"acTL", struct.pack(">II", 1, 0))))
+    assert image.read_image(path, "linear").pixels.shape == (2, 2, 1)
+    path.write_bytes(png(chunk(b"acTL", struct.pack(">II", 2, 0))))
+    with pytest.raises(ValueError, match=r"a\.png: holds several images"):
+        image.read_image(path, "linear")
+
+
 @given(st.integers(1, 2**16 - 1), st.integers(1, 2**16 - 1))
 def test_sizes_are_looked_up_where_opening_decodes(width: int, height: int) -> None:
     gif = b"GIF89a" + struct.pack("<HH", width, height)

@@ -242,8 +242,12 @@ def test_a_missing_file_and_a_binary_one(tmp_path: pathlib.Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"gone\.toml"):
         parse_material(tmp_path / "gone.toml")
     (tmp_path / "m.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ValueError, match=r"m\.toml: must be TOML, got 'utf-8' codec"):
+    with pytest.raises(ValueError, match=r"m\.toml: must be TOML in UTF-8, not in UTF-16"):
         parse_material(tmp_path / "m.toml")
+    for code in ("utf-16", "utf-16-le", "utf-16-be", "utf-32"):
+        (tmp_path / "m.toml").write_text("kd = 0.5", encoding=code)
+        with pytest.raises(ValueError, match=r"m\.toml: must be TOML in UTF-8, not in UTF-16"):
+            parse_material(tmp_path / "m.toml")
 
 
 COLOURS = st.floats(0.0, 1.0) | st.tuples(*[st.floats(0.0, 1.0)] * 3)

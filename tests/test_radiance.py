@@ -86,6 +86,8 @@ def test_values_are_divided_by_every_exposure_and_colour_correction(
         (("FORMAT=32-bit_rle_rgbe",), "", "\n"),
         (("OWNER=\xa9 M\xfcller", "# = =", "FORMAT=32-bit_rle_rgbe"), "#?RADIANCE\r\n", "\r\n"),
         (("VIEW= -vtv -vp 0 0 0", "X" * 5000), "#?RADIANCE\n", "\n"),
+        # of pictures that this one was put together from
+        (("a.hdr:", "\tEXPOSURE=2", "\tCOLORCORR=1 2 3", "pcompos a.hdr"), "#?RADIANCE\n", "\n"),
     ],
 )
 def test_headers_of_other_writers(

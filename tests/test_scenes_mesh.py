@@ -18,7 +18,7 @@ from glossy import _memory
 from glossy.scenes import topology
 from glossy.scenes.load import parse
 from glossy.scenes.mesh_files import read_mesh
-from glossy.scenes.soup import Soup, fan
+from glossy.scenes.soup import MOST_EARS, Soup, cut, fan
 from glossy.scenes.topology import Surface, surface
 
 Array = npt.NDArray[np.float64]
@@ -126,6 +126,51 @@ def test_polygons_of_all_sizes_in_one_file(tmp_path: pathlib.Path) -> None:
     lines = "".join("f " + " ".join(str(k + 1) for k in row) + "\n" for row in rows)
     path.write_text(files.text(corners, "v ") + lines)
     np.testing.assert_array_equal(read_mesh(str(path)).triangles, expected)
+
+
+@given(
+    st.integers(0, 2**32 - 1), st.integers(4, 24), st.integers(0, 23), st.sampled_from([-1.0, 1.0])
+)
+def test_faces_with_dents_are_covered_once(seed: int, count: int, turn: int, way: float) -> None:
+    """Triangles of a star-like face, in any plane: all its way round, and of its area in sum."""
+    rng = np.random.default_rng(seed)
+    angle = way * np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    radius = rng.uniform(0.2, 1.0, count)
+    flat = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    corners = np.roll(flat, turn % count, axis=0) @ np.linalg.qr(rng.normal(size=(3, 3)))[0][:2]
+    after = np.roll(corners, -1, axis=0)
+    newell = np.cross(corners, after).sum(axis=0)
+    before = np.arange(3)  # of another face, and a vertex that nobody names
+    points = np.concatenate([np.eye(3), corners])
+    lengths, named = np.array([3, count]), np.concatenate([before, np.arange(count) + 3])
+    found = cut(points, lengths, named)
+    assert found.shape == (count - 1, 3)
+    np.testing.assert_array_equal(found[0], before)
+    a, b, c = np.moveaxis(points[found[1:]], 1, 0)
+    areas = np.cross(b - a, c - a) @ newell / np.linalg.norm(newell)
+    assert areas.min() > -1e-12
+    assert areas.sum() == pytest.approx(np.linalg.norm(newell))
+    assert set(found[1:].ravel()) == set(range(3, 3 + count))
+
+
+def test_faces_with_dents_in_files(tmp_path: pathlib.Path) -> None:
+    """An L from its arm's corner: its fan would fill the notch."""
+    corners = [(2, 1), (1, 1), (1, 2), (0, 2), (0, 0), (2, 0)]
+    path = tmp_path / "l.obj"
+    path.write_text("".join(f"v {x} {y} 0\n" for x, y in corners) + "f 1 2 3 4 5 6\n")
+    (tmp_path / "l.off").write_text(
+        "OFF\n6 1 0\n" + "".join(f"{x} {y} 0\n" for x, y in corners) + "6 0 1 2 3 4 5\n"
+    )
+    for name in ("l.obj", "l.off"):
+        found = read_mesh(str(tmp_path / name))
+        a, b, c = np.moveaxis(found.points[found.triangles], 1, 0)
+        assert np.cross(b - a, c - a)[:, 2].min() > 0.0
+
+
+def test_a_face_with_more_dents_than_are_cut_is_refused() -> None:
+    flat = np.stack([np.arange(MOST_EARS + 1.0), np.arange(MOST_EARS + 1.0) % 2, np.zeros(1001)], 1)
+    with pytest.raises(ValueError, match=r"dents has 1002 corners, at most 1000"):
+        cut(np.concatenate([flat, [[1.0, -9.0, 0.0]]]), np.array([1002]), np.arange(1002))
 
 
 def test_obj_indices_count_back_from_where_they_stand(tmp_path: pathlib.Path) -> None:

@@ -119,6 +119,9 @@ def run(args: argparse.Namespace) -> int:
     _check_arguments(args)
     folders = os.path.isdir(args.a), os.path.isdir(args.reference)
     if folders[0] != folders[1]:
+        missing = [p for p in (args.a, args.reference) if p != "-" and not os.path.exists(p)]
+        if missing:
+            raise FileNotFoundError(f"{missing[0]}: no such file or directory")
         only = args.a if folders[0] else args.reference
         raise ValueError(f"{only}: is a folder and the other is not")
     if args.ignore and not folders[0]:

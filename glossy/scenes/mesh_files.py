@@ -19,7 +19,7 @@ import numpy.typing as npt
 from .. import _check
 from .._files import check_words, read_bytes
 from .gltf import read_gltf
-from .soup import Soup, fan
+from .soup import Soup, cut
 
 Float64Array = npt.NDArray[np.float64]
 Int64Array = npt.NDArray[np.int64]
@@ -73,12 +73,12 @@ def _ply(data: bytes, _folder: str) -> Soup:
         check_words("reading it", body)
         body, order = np.array(body.split(), dtype="<f8").tobytes(), "<"
     table: npt.NDArray[Any] | None = None
-    triangles = np.empty((0, 3), dtype=np.int64)
+    polygons = (np.empty(0, dtype=np.int64),) * 2
     at = 0
     for name, rows, properties in elements:
         if any(count for *_, count in properties):
-            at, lengths, corners = _ply_lists(body, at, rows, properties, order)
-            triangles = fan(lengths, corners) if name == "face" else triangles
+            at, *found = _ply_lists(body, at, rows, properties, order)
+            polygons = (found[0], found[1]) if name == "face" else polygons
         else:
             record = np.dtype([(key, order + kind) for key, kind, _ in properties])
             if at + rows * record.itemsize > len(body):
@@ -86,12 +86,13 @@ def _ply(data: bytes, _folder: str) -> Soup:
             if name == "vertex":
                 table = np.frombuffer(body, record, rows if record.itemsize else 0, at)
             at += rows * record.itemsize
-        if table is not None and len(triangles):
+        if table is not None and polygons[1].size:
             break
     if table is None or not {*"xyz"} <= {*(table.dtype.names or ())}:
         raise ValueError("has no vertices with x, y and z")
     points = _columns(table, ["x", "y", "z"])
     directed = {"nx", "ny", "nz"} <= {*(table.dtype.names or ())}
+    triangles = cut(points, *polygons)
     return Soup(points, triangles, _columns(table, ["nx", "ny", "nz"]) if directed else None)
 
 
@@ -124,7 +125,7 @@ def _ply_header(head: bytes) -> tuple[str, list[tuple[str, int, list[Property]]]
 def _ply_lists(
     body: bytes, at: int, rows: int, properties: list[Property], order: str
 ) -> tuple[int, Int64Array, Int64Array]:
-    """Where the rows of an element with lists end, and its polygons as ``fan`` takes them."""
+    """Where the rows of an element with lists end, and its polygons as ``cut`` takes them."""
     steps = [
         (name in INDICES, struct.Struct(order + count) if count else None, order + kind)
         for name, kind, count in properties
@@ -197,7 +198,8 @@ def _off(data: bytes, _folder: str) -> Soup:
             raise ValueError(f"a face has {len(named)} corners, and claims {lengths[-1]}")
         corners.extend(map(int, named))
     table = table.reshape(count, -1)
-    triangles = fan(np.array(lengths, dtype=np.int64), np.array(corners, dtype=np.int64))
+    polygons = (np.array(a, dtype=np.int64) for a in (lengths, corners))
+    triangles = cut(table[:, :3], *polygons)
     return Soup(table[:, :3], triangles, table[:, 3:6] if kind[3] else None)
 
 
@@ -230,8 +232,9 @@ def _obj(data: bytes, _folder: str) -> Soup:
         if index.size and index.max() >= most:
             raise ValueError(f"a face names {what} {index.max() + 1}, of {most}")
     pairs, label = np.unique(np.stack([named, way]), axis=1, return_inverse=True)
-    triangles = fan(np.array(lengths, dtype=np.int64), label.reshape(-1).astype(np.int64))
-    return Soup(points[pairs[0]], triangles, normals[pairs[1] + 1])
+    points, label = points[pairs[0]], label.reshape(-1).astype(np.int64)
+    triangles = cut(points, np.array(lengths, dtype=np.int64), label)
+    return Soup(points, triangles, normals[pairs[1] + 1])
 
 
 def _obj_index(word: bytes, before: int) -> int:
