@@ -6,8 +6,9 @@ and a worker does one task at a time, whatever its number of threads. The errors
 run in one process where the processors are of one model; times are taken while other cells run, and
 marked so.
 
-What tasks need is sent from here, truths included once they are kept: a worker that asked another
-one that has died would wait half a minute for it. Tasks that are lost with their workers are
+What tasks need is sent from here, truths included once they are kept, so that none is computed
+again with the worker that held it. It goes to one worker, from which the others take it: Dask's
+broadcast never ends if a worker dies meanwhile. Tasks that are lost with their workers are
 submitted anew; where none comes back, or nobody is left to work, the study ends with one line.
 """
 
@@ -53,7 +54,7 @@ def _check_versions(wanted: dict[str, str], worker: str) -> None:
     found = versions()
     other = [f"{name} {found.get(name)} for {v}" for name, v in wanted.items() if found[name] != v]
     if other:
-        raise ValueError(f"study: worker {worker} has other versions: {', '.join(other)}")
+        raise ValueError(f"worker {worker} has other versions: {', '.join(other)}")
 
 
 def _truth(bench: Bench, index: int, wanted: dict[str, str]) -> dict[str, Any]:
@@ -106,7 +107,8 @@ def connect(workers: int | None = None, scheduler: str | None = None) -> Iterato
         raise ValueError(
             "study: needs Dask for several processes: pip install 'glossy-envmap[dask]'"
         ) from None
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is said here
+    for name in ("distributed", "distributed.client"):  # what is lost is said here
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     if count is None:
         try:
             with warnings.catch_warnings():
@@ -127,7 +129,7 @@ def connect(workers: int | None = None, scheduler: str | None = None) -> Iterato
             n_workers=count,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=None,
+            scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
             silence_logs=logging.CRITICAL,
             env={"NUMBA_NUM_THREADS": "1"},
             preload=[DEAF],  # those started in the place of dead ones
@@ -196,7 +198,7 @@ class Arrivals:
             if not self._waiting:  # what was under way with the lost ones is known now
                 tries += 1
                 if tries > TRIES:
-                    raise OSError(f"study: its workers die again and again; {KEPT}")
+                    raise OSError(f"Dask: the workers die again and again; {KEPT}")
                 self._sent.clear()
                 self._submit(lost)
                 lost = []
@@ -219,11 +221,11 @@ class Arrivals:
             except queue.Empty:
                 pass
             if self.client.status not in ("running", "connecting"):
-                raise OSError(f"study: the Dask scheduler is gone; {KEPT}")
+                raise OSError(f"the Dask scheduler is gone; {KEPT}")
             workers = self.client.scheduler_info(n_workers=-1)["workers"]
             alone = 0.0 if workers else alone + 1.0
             if alone > PATIENCE:
-                raise OSError(f"study: no Dask worker is left; {KEPT}")
+                raise OSError(f"no Dask worker is left; {KEPT}")
 
     def _result(self, future: "Future") -> Any:
         """What a task returned; None if it was lost with its worker. Its refusals are ours."""
@@ -232,14 +234,14 @@ class Arrivals:
         try:
             return future.result(timeout=PATIENCE)
         except KilledWorker:
-            raise OSError(f"study: a task killed its worker again and again; {KEPT}") from None
+            raise OSError(f"Dask: a task killed its worker again and again; {KEPT}") from None
         except (Exception, CancelledError) as error:
             if future.status != "error":
                 return None
             if isinstance(error, OSError | ValueError):
                 raise
             said = _check.shortened(f"{type(error).__name__}: {error}", 200)
-            raise OSError(f"study: a worker failed ({said}); {KEPT}") from None
+            raise OSError(f"a Dask worker failed ({said}); {KEPT}") from None
 
     def _submit(self, work: Sequence[Work | int]) -> None:
         from distributed import CancelledError
@@ -250,7 +252,7 @@ class Arrivals:
         except (OSError, RuntimeError, CancelledError) as error:
             who = "workers are" if self.client.status == "running" else "scheduler is"
             said = _check.shortened(str(error) or type(error).__name__, 120)
-            raise OSError(f"study: the Dask {who} gone ({said}); {KEPT}") from None
+            raise OSError(f"the Dask {who} gone ({said}); {KEPT}") from None
 
     def _submit_one(self, work: Work | int) -> None:
         study, client = self.study, self.client
@@ -267,11 +269,11 @@ class Arrivals:
         future.add_done_callback(self._done.put)
 
     def _send(self, name: Any, value: Callable[[], Any]) -> "Future":
-        """The future of a value that every worker has."""
+        """The future of a value that the workers take from each other."""
         tries = 0
         while name not in self._sent:
             try:  # in a list: a mapping would be taken for named data
-                [self._sent[name]] = self.client.scatter([value()], broadcast=True, hash=False)
+                [self._sent[name]] = self.client.scatter([value()], hash=False)
             except OSError:  # to a worker that has just died
                 tries += 1
                 if tries > TRIES or self.client.status != "running":
