@@ -25,7 +25,7 @@ def parse(name: str, value: object) -> int:
     """Bytes of a whole number, or of text such as ``512M`` or ``1.5G`` (powers of 1024)."""
     found = re.fullmatch(r"(\d{1,18}(?:\.\d{1,9})?) ?([KMGT]?)(?:i?B)?", str(value).strip(), re.I)
     size = int(float(found[1]) * UNITS[found[2].upper()]) if found else 0
-    if size < 1 or isinstance(value, bool):
+    if size < 1:
         text = str(value)[:40]
         raise ValueError(f"{name}: must be a size in bytes such as 512M or 4G, got {text!r}")
     return size

@@ -177,6 +177,18 @@ def test_only_regular_files_are_replaced(tmp_path: pathlib.Path, kind: str) -> N
     assert after.st_ino == before.st_ino
 
 
+def test_an_empty_file_is_none(tmp_path: pathlib.Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with (
+        pytest.raises(OSError, match=r"a\.txt: nothing was written"),
+        _output.replacing(path) as temporary,
+    ):
+        pathlib.Path(temporary).touch()
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
 def test_writers_of_one_file_at_once_leave_one_of_theirs_whole(tmp_path: pathlib.Path) -> None:
     path, texts = tmp_path / "a.txt", [letter * 70_000 for letter in "abcdefgh"]
     with ThreadPoolExecutor(8) as pool:

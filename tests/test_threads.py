@@ -42,6 +42,7 @@ def test_each_row_is_filled_once_whatever_the_threads(count: int, threads: int, 
         _threads.in_rows(fill, count, met, grain=grain)
     assert (met == 1).all()
     assert len(ranges) <= _threads.CHUNKS
+    assert all(0 <= begin < end <= count for begin, end in ranges)
     if threads > 1 and len(ranges) > 1:
         assert {(b, e) for b, e in ranges if e < count and e - b < grain} == set()
 
@@ -58,20 +59,22 @@ def test_an_error_in_any_row_is_passed_on_and_ends_the_others(bad: int) -> None:
 
 def test_an_interruption_ends_after_the_running_chunks() -> None:
     """The caller is interrupted at its first chunk; a helper that runs meanwhile takes no other."""
-    started, after = threading.Event(), []
+    started, after, done = threading.Event(), [], []
     main = threading.current_thread()
 
     def fill(begin: int, end: int) -> None:
         if threading.current_thread() is main:
             started.wait(10.0)
             raise KeyboardInterrupt
-        started.set()
         after.append(begin)
+        started.set()
         threading.Event().wait(0.2)
+        done.append(begin)
 
     with _threads.using(2), pytest.raises(KeyboardInterrupt):
         _threads.in_rows(fill, 1000)
     assert len(after) < 60
+    assert done == after  # nobody writes into the arrays any more
 
 
 def test_calls_within_calls_end() -> None:
@@ -135,10 +138,17 @@ def test_numbas_own_setting_is_followed(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
     assert _threads.available() == 1
     monkeypatch.setenv("NUMBA_NUM_THREADS", "0")
-    assert _threads.available() >= 1
+    processors = _threads.available()
+    assert processors >= 1
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "100000")
+    assert _threads.available() == processors
 
 
 def test_the_setting_is_of_the_calling_thread() -> None:
+    before = _threads.threads()
+    with _threads.using(before + 1):
+        assert _threads.threads() == before + 1
+    assert _threads.threads() == before
     with _threads.using(1), ThreadPoolExecutor(1) as pool:
         assert _threads.threads() == 1
         assert pool.submit(lambda: getattr(_threads._asked, "count", None)).result() is None
