@@ -9,6 +9,7 @@ from typing import Any
 
 from fuzz_targets import Read
 
+TOOL = 4  # of ``sys.monitoring``: none of those with a name
 LONGEST = 5000  # characters of a message, which may hold the names of files
 
 READERS = [
@@ -136,23 +137,22 @@ class Coverage:
         self.files, self.seen, self.found = files, set[tuple[str, int]](), 0
         self._left: dict[int, tuple[Any, set[int]]] = {}
         if self.monitoring:
-            tool = self.monitoring.COVERAGE_ID
-            self.monitoring.use_tool_id(tool, "fuzz")
-            self.monitoring.register_callback(tool, self.monitoring.events.LINE, self._monitor)
+            if self.monitoring.get_tool(TOOL) is None:
+                self.monitoring.use_tool_id(TOOL, "fuzz")
+            self.monitoring.register_callback(TOOL, self.monitoring.events.LINE, self._monitor)
 
     def start(self) -> None:
         """From here on lines count."""
         self.found = 0
         if self.monitoring:
-            tool = self.monitoring.COVERAGE_ID
-            self.monitoring.set_events(tool, self.monitoring.events.LINE)
+            self.monitoring.set_events(TOOL, self.monitoring.events.LINE)
         else:
             sys.settrace(self._call)
 
     def stop(self) -> int:
         """New lines since ``start``."""
         if self.monitoring:
-            self.monitoring.set_events(self.monitoring.COVERAGE_ID, 0)
+            self.monitoring.set_events(TOOL, 0)
         else:
             sys.settrace(None)
         return self.found

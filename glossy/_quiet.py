@@ -24,7 +24,7 @@ _text = io.StringIO()
 
 _OURS = re.compile(
     r"\(EXR_ERR_\w+\)|^libpng (error|warning): |^ojph (info|warning|error) "
-    r"|^Warning: Exception raised reading pixel data"
+    r"|^/.*\.cpp:\d+: \w+: Assertion |^Warning: Exception raised reading pixel data"
 )
 
 

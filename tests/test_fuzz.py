@@ -56,7 +56,7 @@ def test_what_was_found_stays_mended(made: Any) -> None:
     assert {p.name for p in KEPT.iterdir() if p.is_dir()} <= names
     done = run("--replay", str(KEPT))
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout == "no fault\n"
+    assert (done.stdout, done.stderr) == ("no fault\n", "")  # libraries print nothing past it
 
 
 def test_files_come_apart_and_together_again(fuzz: Any, made: Any, tmp_path: pathlib.Path) -> None:
@@ -178,5 +178,7 @@ def test_new_lines_are_counted_once(fuzz: Any) -> None:
         with pytest.raises(OSError, match="is no file"):
             refused(pathlib.Path())
         counts.append(coverage.stop())
-    assert counts == [1, 0]
-    assert coverage.reached() == 1
+    assert counts[0] > 0
+    assert counts[1] == 0
+    assert (__file__, refused.__code__.co_firstlineno + 1) in coverage.seen
+    assert coverage.reached() == len(coverage.seen)
