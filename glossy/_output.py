@@ -46,7 +46,8 @@ def replacing(path: Path, verify: Callable[[str], None] | None = None) -> Iterat
         raise FileNotFoundError(f"{shown}: its folder does not exist")
     before = _existing(shown, place)
     stem, suffix = os.path.splitext(base)
-    temporary = os.path.join(folder, f".{stem[:100]}-{secrets.token_hex(6)}{suffix}")
+    stem = stem[:100].encode(errors="ignore").decode()  # libraries take UTF-8 only
+    temporary = os.path.join(folder, f".{stem}-{secrets.token_hex(6)}{suffix}")
     try:
         yield temporary
         _settle(temporary, before)
@@ -121,9 +122,9 @@ def _settle(temporary: str, before: os.stat_result | None) -> None:
         if os.fstat(handle).st_size == 0:
             raise OSError("nothing was written; is the disk full?")
         if before is not None:
+            os.chmod(temporary, stat.S_IMODE(before.st_mode))
             if hasattr(os, "fchown"):
                 with contextlib.suppress(PermissionError):
                     os.fchown(handle, before.st_uid, before.st_gid)
-            os.chmod(temporary, stat.S_IMODE(before.st_mode))
     finally:
         os.close(handle)
