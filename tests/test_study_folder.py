@@ -134,7 +134,10 @@ CELLS: dict[str, tuple[Callable[[pathlib.Path], None], str]] = {
     "list": (content(b"[]"), "not a JSON object"),
     "number": (content(b"7"), "not a JSON object"),
     "deep": (content(b"[" * 100_000), "nested too deeply"),
-    "deep figure": (replaced('"rms": ', '"rms": ' + "[" * 5000 + "]" * 5000 + ', "x": '), "deep"),
+    "deep figure": (
+        replaced('"rms": ', '"rms": ' + "[" * 100_000 + "]" * 100_000 + ', "x": '),
+        "deep",
+    ),
     "a key twice": (replaced('"rms"', '"rms": 0.1, "rms"'), "a key occurs twice"),
     "NaN": (changed(rms=math.nan), "NaN is not a figure"),
     "infinite": (changed(rms=math.inf), "Infinity is not a figure"),
