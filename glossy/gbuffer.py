@@ -165,6 +165,9 @@ def _points(found: Arrays, encoded: Sequence[str], normalise: bool) -> SurfacePo
     if "mask" in found:
         if found["mask"].shape != seen.shape:
             raise _check.fail("mask", f"must have shape {seen.shape}", found["mask"].shape)
+        if np.isnan(found["mask"]).any():
+            row, column = np.argwhere(np.isnan(found["mask"]))[0]
+            raise _check.fail("mask", "must be numbers", f"NaN at pixel {column},{row}")
         seen &= found["mask"] > 0.5
     return SurfacePoints(**vectors, mask=seen, normalise=normalise)
 

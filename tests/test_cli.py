@@ -235,6 +235,8 @@ def test_a_material_goes_through_pipes() -> None:
     assert json.loads(done.stdout)["parameters"]["kd"] == 0.25
     done = program("material", "-", "--json", stdin=b'{"kd": 0.5}')
     assert json.loads(done.stdout)["parameters"]["kd"] == 0.5
+    done = program("material", "-", stdin=b"kd = .25\n")
+    assert (done.returncode, done.stderr[:39]) == (2, b"glossy material: -: must be TOML, got I")
     done = program("pattern", "--mx", ".1", "--samples", "7", "-q", "-o", "-", "--format", "csv")
     assert (done.returncode, done.stderr) == (0, b"")
     assert done.stdout.count(b"\n") >= 7

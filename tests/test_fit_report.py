@@ -218,6 +218,8 @@ def test_the_command_says_what_sends_out_too_much_and_bounds_it(
     assert ": sends out more than it receives from 6" in said
     assert "--bound-energy keeps it at or below 1" in said
     held = tmp_path / "m.toml"
+    assert cli.main(["fit", str(source), *QUICK, "--bound-to", "85"]) == 2
+    assert "--bound-to: is of --bound-energy, which is not given" in capsys.readouterr().err
     bound = ["--bound-energy", "--bound-to", "85", "-o", str(held)]
     assert cli.main(["fit", str(source), *QUICK, *bound]) == 0
     said = capsys.readouterr().out

@@ -67,6 +67,24 @@ def test_trace_takes_a_gbuffer(
     assert "pixel: must see the surface" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("suffix", ["exr", "npz"])
+def test_a_mask_says_of_every_pixel(
+    points: SurfacePoints, tmp_path: pathlib.Path, suffix: str
+) -> None:
+    """NaN is neither seen nor hidden."""
+    mask = points.coverage.astype(np.float32)
+    mask[1, 2] = np.nan
+    file = tmp_path / f"p.{suffix}"
+    stored = {"normal": points.normal, "view": points.view}
+    if suffix == "npz":
+        np.savez(file, mask=mask, normal=points.normal, view=points.view)
+    else:
+        planes = {f"{k}.{c}": v[..., i] for k, v in stored.items() for i, c in enumerate("XYZ")}
+        write_exr(file, {**planes, "mask": mask})
+    with pytest.raises(ValueError, match=rf"p\.{suffix}: mask: must be numbers, got .*pixel 2,1"):
+        read_gbuffer(file)
+
+
 def test_a_mask_in_an_exr_hides_pixels(points: SurfacePoints, tmp_path: pathlib.Path) -> None:
     channels = {
         f"{prefix}.{axis}": np.ascontiguousarray(vector[..., k], np.float32)
@@ -247,7 +265,7 @@ def test_nothing_that_the_mask_hides_is_looked_at(
 
     def write(mask: np.ndarray) -> None:
         if suffix == "npz":
-            np.savez(file, mask=mask, **stored)
+            np.savez(file, mask=mask, normal=points.normal, view=points.view)
         else:
             channels = {
                 f"{name}.{axis}": v[..., k].astype(np.float32)

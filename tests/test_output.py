@@ -246,6 +246,15 @@ def _stray_writes(path: pathlib.Path) -> Iterator[str]:
             yield f"{path.relative_to(PACKAGE)}:{node.lineno} {name}"
 
 
+@pytest.mark.skipif(os.name != "posix", reason="names are bytes on POSIX")
+def test_a_name_that_is_not_utf8_is_written(tmp_path: pathlib.Path) -> None:
+    path = pathlib.Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9.exr"))
+    pixels = np.ones((2, 3, 3), np.float32)
+    glossy.write_image(path, pixels)
+    np.testing.assert_array_equal(glossy.read_image(path).pixels, pixels)
+    assert os.listdir(tmp_path) == [path.name]
+
+
 def test_every_file_is_written_by_the_one_helper() -> None:
     """Whoever opens a file for writing elsewhere has a reason that is named here."""
     allowed = {

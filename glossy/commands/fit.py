@@ -61,7 +61,6 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     group.add_argument(
         "--bound-to",
         type=float,
-        default=ANGLE,
         metavar="DEG",
         help=f"of --bound-energy: degrees from the normal (default {ANGLE:g})",
     )
@@ -120,6 +119,10 @@ def run(args: argparse.Namespace) -> int:
     if args.report is not None:
         names = ("report.md", "fit.json", *PLOTS)
         protect(args, {f"--report {n}": pathlib.Path(args.report, n) for n in names})
+    if args.bound_to is None:
+        args.bound_to = ANGLE
+    elif not args.bound_energy:
+        raise ValueError("--bound-to: is of --bound-energy, which is not given")
     others = args.compare.split(",") if args.compare else []
     table = _subset(read_measured(args.table, args.format), args.rows, args.seed)
 

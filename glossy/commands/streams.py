@@ -48,9 +48,7 @@ class Told:
 
     def write(self, text: str) -> int:
         """Write with every temporary name as ``-``."""
-        for old, new in self._names.items():
-            text = text.replace(old, new)
-        return self._stream.write(text)
+        return self._stream.write(_renamed(text, self._names))
 
     def isatty(self) -> bool:
         """Whether progress may be drawn."""
@@ -58,6 +56,12 @@ class Told:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
+
+
+def _renamed(text: str, names: dict[str, str]) -> str:
+    for old, new in names.items():
+        text = text.replace(old, new)
+    return text
 
 
 @contextlib.contextmanager
@@ -82,7 +86,13 @@ def redirected(args: argparse.Namespace, quiet: bool) -> Iterator[None]:
         told = cast(TextIO, Told(out, names)) if names else out
         errors = cast(TextIO, Told(stderr, names, quiet))
         with contextlib.redirect_stdout(told), contextlib.redirect_stderr(errors):
-            yield
+            try:
+                yield
+            except (ValueError, OSError) as error:
+                if not any(old in str(error) for old in names):
+                    raise
+                kind = OSError if isinstance(error, OSError) else ValueError
+                raise kind(_renamed(str(error), names)) from error
         if written and os.path.exists(written):
             stdout.flush()
             with open(written, "rb") as file:
