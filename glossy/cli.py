@@ -13,6 +13,7 @@ import json
 import os
 import re
 import sys
+import textwrap
 import traceback
 import warnings
 from collections.abc import Sequence
@@ -80,6 +81,7 @@ def build_parser() -> argparse.ArgumentParser:
             help="most that reading one input may take, as 4G (default half of the machine's)",
         )
     for each in (parser, *subparsers.choices.values()):
+        each.description = textwrap.fill(each.description or "", 80)
         for name, text in talk.HELP.items():  # taken out before, since they may stand anywhere
             each.add_argument(
                 name[1:3], name, action="store_true", default=argparse.SUPPRESS, help=text

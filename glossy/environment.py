@@ -119,7 +119,7 @@ def read_source(
                 raise _check.fail("path", "must be a path or six paths", path)
             name = os.fspath(path)
             image = read(path)
-            pixels = image.rgb()
+            pixels = image.rgb(path)
             envmap = getattr(image.metadata.get("envmap"), "name", "")
             if envmap == "ENVMAP_LATLONG":
                 convention = "openexr"
@@ -150,7 +150,7 @@ def _read_faces(path: object, read: Callable[[Path], Image]) -> tuple[str, Float
             raise _check.fail("path", "must be six files, +X -X +Y -Y +Z -Z", f"{len(files)}")
     faces: list[Float32Array] = []
     for file in files:
-        pixels = read(file).rgb()
+        pixels = read(file).rgb(file)
         if pixels.shape[0] != pixels.shape[1]:
             size = f"{pixels.shape[1]} x {pixels.shape[0]}"
             raise _check.fail(str(file), "must be square as a cube face", size)

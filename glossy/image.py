@@ -106,12 +106,15 @@ class Image:
     channels: tuple[str, ...]
     metadata: Mapping[str, Any]
 
-    def rgb(self) -> Float32Array:
-        """Pixels (H, W, 3): channels R, G, B, or a lone Y three times; else a ``ValueError``."""
+    def rgb(self, name: str | os.PathLike[str] = "image") -> Float32Array:
+        """Pixels (H, W, 3): channels R, G, B, or a lone Y three times.
+
+        Else a ``ValueError`` that starts with ``name``.
+        """
         names = colour_channels(self.channels)
         if names is None:
             raise ImageError(
-                f"image: has no R, G, B and no Y alone, only {', '.join(self.channels)}"
+                f"{os.fspath(name)}: has no R, G, B and no Y alone, only {', '.join(self.channels)}"
             )
         picked = self.pixels[..., [self.channels.index(n) for n in names]]
         return np.ascontiguousarray(np.broadcast_to(picked, (*picked.shape[:2], 3)))

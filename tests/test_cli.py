@@ -55,6 +55,7 @@ def test_every_command_has_help_json_and_loudness(
     code, out, _ = run(capsys, "help", command)
     assert code == 0
     assert out == run(capsys, command, "--help")[1]
+    assert max(map(len, out.splitlines())) <= 110
     assert all(name in out for name in ("--json", "--quiet", "--verbose"))
 
 

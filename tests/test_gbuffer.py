@@ -265,7 +265,7 @@ def test_nothing_that_the_mask_hides_is_looked_at(
 
     def write(mask: np.ndarray) -> None:
         if suffix == "npz":
-            np.savez(file, mask=mask, normal=points.normal, view=points.view)
+            np.savez(file, mask=mask, **stored)
         else:
             channels = {
                 f"{name}.{axis}": v[..., k].astype(np.float32)

@@ -42,9 +42,10 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     options.add_exposure_argument(parser)
     group = parser.add_argument_group(
         "progressive refinement",
-        "The picture is written at once, then again after each pass as quasi-Monte Carlo samples "
-        "accumulate and replace it pixel by pixel. EXR files also hold estimate.R, G, B and its "
-        "standard error error.R, G, B. Planar reflectors end at their converged mirror buffer.",
+        "The picture is written at once, then again after each pass as quasi-Monte Carlo\n"
+        "samples accumulate and replace it pixel by pixel. EXR files also hold\n"
+        "estimate.R, G, B and its standard error error.R, G, B. Planar reflectors end at\n"
+        "their converged mirror buffer.",
     )
     group.add_argument("--converge", action="store_true", help="refine until a limit is reached")
     group.add_argument(

@@ -201,7 +201,7 @@ def _given_maps(scene: ObjectScene, geometry: Geometry) -> dict[int, list[Float3
         where = f"objects[{j}].light_map"
         if geometry.kinds[j] == MESH:
             raise _check.fail(where, "is for shapes with a chart, not for a mesh", item.light_map)
-        pixels = read_image(item.light_map, window="display").rgb()
+        pixels = read_image(item.light_map, window="display").rgb(item.light_map)
         parts = PARTS[int(geometry.kinds[j])]
         if parts == 6 and pixels.shape[1] % 6:
             raise _check.fail(where, "must have six faces side by side", pixels.shape)
