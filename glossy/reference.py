@@ -33,6 +33,7 @@ from .cubemap import CubeMap
 from .frames import SurfacePoints
 from .planes import BoundingPlanes
 from .truth.cells import check_finite, radiance_tree
+from .truth.given import GivenMaterial
 from .truth.montecarlo import CubeDraws, Draws, monte_carlo, quasi_monte_carlo
 from .truth.plain import PROBES, PlainQuadrature
 from .truth.planes import PlaneLight
@@ -125,8 +126,9 @@ def reference(
     Raises
     ------
     ValueError
-        For an unknown estimator, numbers out of range, a material without the methods, a map with
-        NaN or infinities, or ``diffuse=False`` for a material that has no known diffuse part.
+        For an unknown estimator, numbers out of range, a material without the methods, or whose
+        methods return what they must not, a map with NaN or infinities, or ``diffuse=False`` for a
+        material that has no known diffuse part.
 
     Notes
     -----
@@ -270,4 +272,4 @@ def shown_material(material: Any, diffuse: bool) -> Any:
         raise _check.fail(
             "diffuse", "must be True for a material other than glossy.Material", diffuse
         )
-    return material
+    return GivenMaterial(material)

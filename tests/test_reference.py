@@ -1,6 +1,7 @@
 """The ground truth against plain sums, known answers, itself, and its own error bars."""
 
 import dataclasses
+from typing import Any
 
 import numba
 import numpy as np
@@ -90,6 +91,39 @@ class Black(Unaware):
 def same(a: glossy.Truth, b: glossy.Truth) -> bool:
     pairs = ((a.radiance, b.radiance), (a.error, b.error), (a.samples, b.samples))
     return all(np.array_equal(x, y) for x, y in pairs)
+
+
+def test_what_a_material_returns_is_held_to_what_it_must_be() -> None:
+    """NaN went into radiance and error; samples five units long five times the light."""
+    wrong: list[tuple[str, Any, str]] = [
+        ("eval", lambda wi, wo: np.where(wi[..., 2] > 0.9, np.nan, 1.0), "finite numbers, got nan"),
+        ("eval", lambda wi, wo: np.full(wi.shape, np.inf), "finite numbers, got inf"),
+        ("eval", lambda wi, wo: "much", "an array of real numbers"),
+        ("eval", lambda wi, wo: np.ones(5), "an array of shape"),
+        ("sample", lambda xi, wo: np.full((*xi.shape[:-1], 3), 5.0), "unit vectors"),
+        ("sample", lambda xi, wo: np.zeros((*xi.shape[:-1], 3)), "unit vectors"),
+        ("sample", lambda xi, wo: xi, "an array of shape"),
+        ("pdf", lambda wi, wo: np.full(wi.shape[:-1], -1.0), "densities of at least 0"),
+        ("pdf", lambda wi, wo: np.full(wi.shape[:-1], np.nan), "finite numbers"),
+    ]
+    point = SurfacePoints([0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.6, 0.0, 0.8])
+    for name, method, rule in wrong:
+        paint = Unaware(Material(kd=0.5))
+        setattr(paint, name, method)
+        for estimator in ("mc",) if name == "pdf" else ("texels", "mc"):
+            with pytest.raises(ValueError, match=f"^material: {name} must return {rule}") as stop:
+                glossy.reference(point, paint, white(), estimator, samples=64)
+            assert "\n" not in str(stop.value)
+
+
+@pytest.mark.parametrize("flat", [0.2, [0.1, 0.2, 0.3]])
+def test_a_material_may_return_what_broadcasts(flat: Any) -> None:
+    paint = Unaware(Material(kd=0.5))
+    paint.eval = lambda wi, wo: np.asarray(flat)  # type: ignore[method-assign]
+    point = SurfacePoints([0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.6, 0.0, 0.8])
+    truth = glossy.reference(point, paint, white())  # both hemispheres, whose cosines are 2 pi
+    want = 2.0 * np.pi * np.asarray(flat)
+    assert np.all(np.abs(truth.radiance - want) <= truth.error + 1e-12)
 
 
 # ------------------------------------------------------------------------- the bound holds
