@@ -147,6 +147,7 @@ def write(name: str, header: dict[str, Any]) -> None:
          "display window, (0, 0) to (59, 39) and (0, 0) to (29, 19)"),
         ({"chromaticities": WIDE}, "chromaticities, 0.708 0.292 0.17"),
         ({"pixelAspectRatio": 2.0}, "pixelAspectRatio, 2 and 1"),
+        ({"whiteLuminance": 80.0}, "whiteLuminance, 80.0 and none"),
     ],
 )  # fmt: skip
 def test_headers_that_differ_are_not_identical(

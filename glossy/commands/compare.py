@@ -24,7 +24,7 @@ TIFF) need --encoding.
 
 Channels R, G, B are compared, else Y if it is alone or with A, else all if both have the same
 ones. What is left out is named; "identical" is said only if every channel of both files was
-compared and data window, display window, pixel aspect ratio and chromaticities agree.
+compared and windows, pixel aspect ratio, chromaticities, envmap and whiteLuminance agree.
 
 Each --max-X (and --min-psnr) has a --warn-X (--warn-psnr) that prints a warning and leaves the
 exit code. A pixel is an outlier if |a - b| is above X + R |b| in a channel (--max-difference X,

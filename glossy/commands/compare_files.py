@@ -137,6 +137,10 @@ def _unlike(a: "Planes", b: "Planes") -> tuple[str, ...]:
         ):
             texts = [" ".join(f"{x:.6g}" for x in v) for v in values]
             found.append(f"{key}, {texts[0]} and {texts[1]}")
+    for key in ("envmap", "whiteLuminance"):
+        texts = [str(p.metadata.get(key, "none")) for p in (a, b)]
+        if texts[0] != texts[1]:
+            found.append(f"{key}, {texts[0]} and {texts[1]}")
     said = [[t for t in unapplied(p.metadata) if not t.startswith("chroma")] for p in (a, b)]
     if said[0] != said[1]:  # of Radiance files
         found.append("header, " + " and ".join(", ".join(t) or "nothing said" for t in said))
