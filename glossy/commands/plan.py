@@ -14,8 +14,8 @@ examples:
   glossy render --method auto --max-error .05 -o out.exr      shades by such a plan
 
 The plan is for the picture that render makes of the same arguments. The error is the relative RMS
-error of its glossy radiance, which stays under the bound: surely if bound kind is "bound", when all
-points were measured; else by an estimate. Cost 1 is regular sampling with 20 samples a lobe.
+error of its glossy radiance, which stays under the bound; bound kind is "bound" where all points
+were measured, else "estimate". Cost 1 is regular sampling with 20 samples a lobe.
 """
 
 
