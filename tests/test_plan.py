@@ -178,6 +178,7 @@ def test_plans_are_the_same_for_any_number_of_threads(pyramid: glossy.Pyramid) -
 def test_a_mirror_takes_one_tap(pyramid: glossy.Pyramid) -> None:
     found = glossy.plan(glossy.Lobe(1e-4), pyramid, max_error=0.02, points=ball(4))
     assert found.samples == [1]
+    assert "1 tap of lattice leaves an error" in found.reasons[0]
     assert found.reached
 
 

@@ -271,8 +271,9 @@ def _reasons(
         if row.samples == 0:
             said.append(text + "left out")
         else:
-            taps = "1 tap" if row.samples == 1 else f"{row.samples} taps"
-            said.append(f"{text}{taps} of {row.method} leave an error of {wrong:.3g}")
+            one = row.samples == 1
+            taps, left = ("1 tap", "leaves") if one else (f"{row.samples} taps", "leave")
+            said.append(f"{text}{taps} of {row.method} {left} an error of {wrong:.3g}")
     if not reached:
         said.append("no candidate is good enough: this is the least bound there is")
     return tuple(said)
