@@ -21,6 +21,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from common import table
 from plan_scenes import LOBES, half_sphere, pictures, relative
 
@@ -98,15 +99,16 @@ def cases(
                         for n in FIXED
                     ]
                     for k, goal in enumerate(GOALS):
-                        known = {} if unknown else {"points": points}
                         found = (
                             plans[k]
                             if unknown
-                            else glossy.plan(lobe, pyramid, max_error=goal, filters=(), **known)
+                            else glossy.plan(
+                                lobe, pyramid, max_error=goal, filters=(), points=points
+                            )
                         )
                         (row,) = found.lobes
                         own = {"footprint": "jacobian"} if row.method == "regular" else {}
-                        picture = 0.0 * truth
+                        picture: npt.NDArray[Any] = 0.0 * truth
                         if row.samples:
                             picture = glossy.shade(
                                 points, lobe, pyramid, row.method, samples=row.samples, **own

@@ -60,8 +60,8 @@ def main() -> int:
     print(
         f"{args.cases} cases, {len(found)} comparisons; 99 % below {np.quantile(shares, 0.99):.3f}"
     )
-    for share, tolerance, words in found[:5]:
-        print(f"{share:.3f} at tolerance {tolerance:g}: {words}")
+    for worst, tolerance, words in found[:5]:
+        print(f"{worst:.3f} at tolerance {tolerance:g}: {words}")
     return int(shares.max() > 1.0)
 
 
