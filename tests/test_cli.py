@@ -316,6 +316,50 @@ def test_an_input_is_not_overwritten(
     assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="no FIFOs")
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["stability", "-o", "x.md"],
+        ["stability", "--plot", "x.png"],
+        ["render", "-o", "x.exr", "--force"],
+        ["reference", "-o", "x.hdr"],
+        ["environment", "sky", "-o", "x.exr"],
+        ["pattern", "--mx", ".1", "-o", "x.json"],
+        ["pattern", "--mx", ".1", "--plot", "x.png"],
+        ["fit", "m.toml", "-o", "x.toml"],
+    ],
+    ids=" ".join,
+)
+def test_what_is_no_regular_file_is_refused_before_the_work(
+    words: list[str],
+    tmp_path: pathlib.Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from glossy.stability import checks
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(checks, "run", None)
+    name = next(word for word in words if word.startswith("x."))
+    os.mkfifo(name)
+    code, out, err = run(capsys, *words)
+    assert (code, out) == (2, "")
+    assert err == f"glossy {words[0]}: {name}: is not a regular file and is not replaced\n"
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from glossy.stability import checks
+
+    monkeypatch.setattr(checks, "run", None)
+    monkeypatch.setattr(os, "access", lambda *_: False)  # whoever runs the tests
+    code, out, err = run(capsys, "stability", "-o", str(tmp_path / "x.md"))
+    assert (code, out) == (2, "")
+    assert err == f"glossy stability: --output: folder {str(tmp_path)!r} cannot be written\n"
+
+
 def test_force_overwrites_an_input_and_other_files_need_none(
     tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -405,6 +449,19 @@ def test_every_command_that_writes_exr_says_what_made_it(
         assert len(json.loads(header["environment"])["sha256"]) == 64
     if words[0] == "reference" or method == "regular":
         assert header["errorKind"] in ("bound", "standard")
+
+
+def test_a_scene_of_objects_names_its_built_in_map(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = '[environment]\nsource = "white"\nsize = 4\n[[objects]]\nmaterial = "mx=.3"\n'
+    pathlib.Path("s.toml").write_text(f'{text}shape = {{ kind = "sphere" }}\n')
+    size = ["--width", "6", "--height", "4", "--supersampling", "1"]
+    assert run(capsys, "render", "s.toml", *size, "-o", "a.exr")[0] == 0
+    found = json.loads(read_planes("a.exr").metadata["environment"])
+    digest = hashlib.sha256(glossy.environment("white", size=4).faces.tobytes()).hexdigest()
+    assert found == {"source": "white", "size": 4, "sha256": digest}
 
 
 # --- rays a pixel ---------------------------------------------------------------------------------

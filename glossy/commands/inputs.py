@@ -52,13 +52,19 @@ def protect(args: argparse.Namespace, outputs: Mapping[str, str | os.PathLike[st
     ------
     ValueError
         For such an output, and for two outputs that are one file.
+    OSError
+        For one that is there and no regular file.
     """
+    from .._output import existing
+
     places = {option: os.path.realpath(path) for option, path in outputs.items() if path}
     for option, place in places.items():
         for other, same in places.items():
             if other != option and same == place:
                 raise ValueError(f"{option}, {other}: are the same file {str(outputs[option])!r}")
     there = {option: place for option, place in places.items() if os.path.exists(place)}
+    for option, place in there.items():
+        existing(os.fspath(outputs[option] or ""), place)
     if not there or args.force:
         return
     for file in input_files(args).values():

@@ -6,6 +6,7 @@ missing one leaves it; what neither names takes the defaults of ``Scene``.
 
 import argparse
 import dataclasses
+import os
 import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
@@ -294,6 +295,11 @@ def scene_origin(
     """
     if not (args.json or str(args.output).lower().endswith(".exr")):
         return {}
+    if cube is None and scene.environment is not None:
+        from ..builtin import NAMES
+
+        if scene.environment.source in NAMES:
+            cube = scene.environment.load()
     if cube is not None and scene.environment is not None:
         used |= {"environment": (scene.environment.source, cube)}
         used |= {"material": getattr(scene, "material", None)}
@@ -333,6 +339,8 @@ def check_output(
         raise ValueError(f"{option}: must end in {', '.join(suffixes)}, got {path!r}")
     if not file.parent.is_dir():
         raise FileNotFoundError(f"{option}: no folder {str(file.parent)!r}")
+    if not os.access(file.resolve().parent, os.W_OK):
+        raise PermissionError(f"{option}: folder {str(file.parent)!r} cannot be written")
     protect(args, {option: path})
 
 
