@@ -75,7 +75,12 @@ def require(name: str, value: object, hint: Any) -> None:
         One line with the argument, the rule, and the value or what it is an object of.
     """
     kinds = _classes(hint)
-    if not kinds or isinstance(value, kinds) or (bool in kinds and isinstance(value, np.bool_)):
+    single = isinstance(value, np.ndarray) and value.ndim == 0  # which cannot be gone through
+    if (
+        not kinds
+        or (isinstance(value, kinds) and not single)
+        or (bool in kinds and isinstance(value, np.bool_))
+    ):
         if os.PathLike in kinds and isinstance(value, str) and "\0" in value:
             raise _check.fail(name, "must not hold a zero character", value)
         return
@@ -98,13 +103,23 @@ def hints(function: Callable[..., Any]) -> dict[str, Any]:
 
 
 def checked(function: F) -> F:
-    """``function``, which refuses arguments that are not what its annotations promise."""
+    """``function``, which refuses arguments that are not what its annotations promise.
+
+    A message of several lines (a path may hold line breaks) is raised again as one.
+    """
 
     @functools.wraps(function)
     def call(*args: Any, **given: Any) -> Any:
         known = hints(function)
         for name, value in (*zip(known, args, strict=False), *given.items()):
             require(name, value, known.get(name, Any))
-        return function(*args, **given)
+        try:
+            return function(*args, **given)
+        except (ValueError, OSError) as error:
+            words = str(error)
+            if len(words.splitlines()) < 2:
+                raise
+            kind = type(error) if isinstance(error, OSError) else ValueError
+            raise kind(" ".join(words.split())) from None
 
     return cast(F, call)

@@ -4,6 +4,7 @@ import codecs
 import json
 import os
 import pathlib
+import re
 import stat
 import tomllib
 from collections.abc import Callable
@@ -15,6 +16,11 @@ MOST_BYTES = 1 << 30
 MOST_TABLE = 1 << 24  # a scene or a material of more is none
 
 LONGEST_NAME = 4096
+MOST_PARTS = 64  # of a dotted key of TOML, whose parser takes the square of their number
+_LONG_KEY = re.compile(
+    rf"""(?:\.[ \t]*+(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+){{{MOST_PARTS}}}""", re.ASCII
+)
+
 WORD = 64  # bytes that a word of a text takes while it is read, its number included
 
 Path = str | os.PathLike[str]
@@ -101,7 +107,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     OSError, ValueError
         As ``read_bytes`` but for empty files, and for text that is not TOML.
     """
-    return dict(_parsed(path, "TOML", tomllib.loads))
+    return dict(_parsed(path, "TOML", _toml))
 
 
 def read_table(path: Path) -> Any:
@@ -109,6 +115,12 @@ def read_table(path: Path) -> Any:
     if pathlib.Path(path).suffix.lower() == ".json":
         return _parsed(path, "JSON", json.loads)
     return read_toml(path)
+
+
+def _toml(text: str) -> dict[str, Any]:
+    if _LONG_KEY.search(text):
+        raise ValueError(f"a key of more than {MOST_PARTS} parts")
+    return tomllib.loads(text)
 
 
 def _parsed(path: Path, kind: str, parse: Callable[[str], Any]) -> Any:

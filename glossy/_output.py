@@ -44,7 +44,7 @@ def replacing(path: Path, verify: Callable[[str], None] | None = None) -> Iterat
     folder, base = os.path.split(place)
     if not os.path.isdir(folder):
         raise FileNotFoundError(f"{shown}: its folder does not exist")
-    before = _existing(shown, place)
+    before = existing(shown, place)
     stem, suffix = os.path.splitext(base)
     stem = stem[:100].encode(errors="ignore").decode()  # libraries take UTF-8 only
     temporary = os.path.join(folder, f".{stem}-{secrets.token_hex(6)}{suffix}")
@@ -102,7 +102,8 @@ def write_figure(path: Path, figure: Any, **options: Any) -> None:
     write_bytes(path, stream.getvalue())
 
 
-def _existing(shown: str, place: str) -> os.stat_result | None:
+def existing(shown: str, place: str) -> os.stat_result | None:
+    """Status of the regular file at ``place``, None if there is nothing; else ``OSError``."""
     try:
         status = os.stat(place)
     except FileNotFoundError:

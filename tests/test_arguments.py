@@ -212,6 +212,7 @@ def test_any_value_works_or_is_one_line_that_names_the_argument(name: str, data:
         ("build_pyramid", {"cube": np.ones((6, 4, 4, 3))}, "cube: must be a CubeMap, got <class"),
         ("Material", {"reflection": 3}, "reflection: must be a sequence, got 3"),
         ("Material", {"reflection": ["alanod"]}, "reflection: must be a sequence of Lobe"),
+        ("Material", {"reflection": np.array("x")}, "reflection: must be a sequence, got <class"),
         ("energy", {"material": LOBE}, "material: must be a Material, got <class"),
         ("read_image", {"path": None}, "path: must be a path, got None"),
         ("read_image", {"path": "a\0b"}, "path: must not hold a zero character"),
@@ -222,6 +223,13 @@ def test_any_value_works_or_is_one_line_that_names_the_argument(name: str, data:
 def test_what_is_said(name: str, change: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=f"^{message}"):
         call(name, {**VALID[name], **change})
+
+
+def test_a_path_of_two_lines_is_a_message_of_one() -> None:
+    with pytest.raises(FileNotFoundError, match=r"^a b\.exr: no such file or directory$"):
+        glossy.read_image("a\nb.exr")
+    with pytest.raises(ValueError, match=r"^a b: a G-buffer must be"):
+        glossy.read_gbuffer("a\nb")
 
 
 @pytest.mark.parametrize("prepared", [None, "studio", CUBE, PYRAMID, [], POINTS, len])

@@ -203,6 +203,7 @@ def test_difference_picture(folder: pathlib.Path, capfd: pytest.CaptureFixture[s
         (["-", "-"], "only one of them can be standard input"),
         (["a.exr", "b.exr", "--ignore", "*.txt"], "--ignore: is an option of folders"),
         (["a.exr", "b.exr", "--diff", "b.exr"], "b.exr: is one of the inputs"),
+        (["a.exr", "b.exr", "--diff", "hard.png"], "hard.png: is one of the inputs"),
         (["a.exr", "b.exr", "--signed"], "options of --diff"),
         (["a.exr", "b.exr", "--channels", "R,R"], "--channels: must be different"),
         (["a.exr", "b.exr", "--diff", "./b.exr"], "b.exr: is one of the inputs"),
@@ -215,6 +216,7 @@ def test_unusable_input(
 ) -> None:
     import OpenEXR
 
+    os.link("b.exr", "hard.png")
     image.write_image("small.exr", REFERENCE[:, :29])
     image.write_image("black.exr", 0 * REFERENCE)
     broken = REFERENCE.copy()

@@ -171,8 +171,9 @@ def _files(args: argparse.Namespace) -> "Result":
     from .standard_input import spooled
 
     if args.diff is not None:
-        places = [p for p in (args.a, args.reference, args.mask) if p is not None]
-        if os.path.realpath(args.diff) in [os.path.realpath(p) for p in places]:
+        places = [p for p in (args.a, args.reference, args.mask, args.diff) if p is not None]
+        there = [p for p in places if os.path.exists(p)]
+        if args.diff in there and any(os.path.samefile(args.diff, p) for p in there[:-1]):
             raise ValueError(f"--diff {args.diff}: is one of the inputs")
         if os.path.splitext(args.diff)[1].lower() != ".png":
             raise ValueError(f"--diff {args.diff}: must end in .png")
