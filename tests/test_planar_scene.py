@@ -106,6 +106,28 @@ def test_the_picture_is_that_of_the_parts(prepared: PreparedScene) -> None:
     assert 0.5 * 3.0 * 0.5 < lobes[glows, 0].max() < 3.0
 
 
+def test_radiance_near_the_end_of_single_precision_is_scaled_or_refused() -> None:
+    def picture(scale: float) -> Any:
+        glow = (3.0 * scale, 2.0 * scale, scale)
+        scene = ObjectScene(
+            (
+                rectangle((0, 0, 0), (-90, 0, 0), "floor", precision="single"),
+                SceneObject(Box((0.5, 0.5, 0.5)), Transform((0.1, 0.5, -0.4)), emission=glow),
+            ),
+            Camera((0.0, 1.0, 1.4), (0.0, 0.4, -1.0), fov=60.0, width=12, height=8),
+            bake=BakeSettings(0.6, 16, 1),
+            capture=CaptureSettings(8, 1),
+            supersampling=1,
+        )
+        return render_objects(prepare(scene, cache=False)).image.astype(np.float64)
+
+    unit = picture(1.0)
+    for scale in (1e-30, 1e30, 3e37):
+        np.testing.assert_allclose(picture(scale) / scale, unit, rtol=0.0, atol=1e-6 * unit.max())
+    with pytest.raises(ValueError, match="light maps: must be within single precision"):
+        picture(1e39)
+
+
 def test_missed_samples_take_the_objects_own_cube_map(prepared: PreparedScene) -> None:
     item = dataclasses.replace(
         prepared.scene.objects[0], method={**PLANAR, "misses": "cube", "margin": 0.0}

@@ -286,6 +286,9 @@ def bake(
         each = (total + sums) / np.maximum(count, 1.0)[..., None]
         spread = each[:, good].var(axis=0, ddof=1) / REPLICATES
         error = float(np.sqrt(spread.mean() / np.mean(np.square(values[where]))))
+    if not (values <= np.finfo(np.float32).max).all():
+        rule = "must be within single precision"
+        raise _check.fail("light maps", rule, float(np.max(values)))
     return LightMaps(scene, geometry, plan, values.astype(np.float32), error)
 
 
