@@ -5,7 +5,10 @@ worker says in shared memory what it is about to read, so that the watcher knows
 of; it starts another worker then, from the next input on.
 """
 
+import contextlib
+import ctypes
 import dataclasses
+import gc
 import json
 import mmap
 import os
@@ -111,17 +114,26 @@ def _limits(noise: int) -> None:
     """Bound the process and send what is printed to a file."""
     os.dup2(noise, 1)
     os.dup2(noise, 2)
+    gc.collect()
+    with contextlib.suppress(AttributeError):  # what a parent freed must not hide what is taken
+        ctypes.CDLL(None).malloc_trim(0)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    used = 0
-    for line in pathlib.Path("/proc/self/status").read_text().splitlines():
-        if line.startswith("VmData"):
-            used = int(line.split()[1]) << 10
-    most = used + (SLACK + 1) * MEMORY
+    most = _memory_of("VmData") + (SLACK + 1) * MEMORY
     resource.setrlimit(resource.RLIMIT_DATA, (most, most))
 
 
-def _peak() -> int:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss << 10
+def _memory_of(entry: str) -> int:
+    """Bytes of an entry of this process's status: VmData, VmHWM (the peak) and others."""
+    for line in pathlib.Path("/proc/self/status").read_text().splitlines():
+        if line.startswith(entry):
+            return int(line.split()[1]) << 10
+    return 0
+
+
+def _from_now_on() -> int:
+    """Start the peak of memory anew, which a fork takes from its parent; what is in use now."""
+    pathlib.Path("/proc/self/clear_refs").write_text("5")
+    return _memory_of("VmHWM")
 
 
 class Worker:
@@ -138,7 +150,7 @@ class Worker:
         """What is wrong, and how many lines were new."""
         place = self.folder / target.name
         put(place, files, self.there[target.name])
-        before = _peak()
+        before = _from_now_on()
         if self.bounded:
             signal.setitimer(signal.ITIMER_PROF, CPU_SECONDS)
             signal.alarm(WALL_SECONDS)
@@ -158,7 +170,7 @@ class Worker:
             wrong = wrong or f"wrote past Python: {text}"
             os.ftruncate(self.noise, 0)
             os.lseek(self.noise, 0, os.SEEK_SET)
-        grown = _peak() - before
+        grown = _memory_of("VmHWM") - before
         if self.bounded and grown > SLACK * MEMORY:
             wrong = wrong or f"memory: took {grown >> 20} MiB, the limit being {MEMORY >> 20}"
         return wrong, new
