@@ -166,8 +166,9 @@ def vectors(name: str, value: npt.ArrayLike, dtype: type = np.float64) -> FloatA
     v = array(name, value, dtype)
     if v.ndim == 0 or v.shape[-1] != 3:
         raise fail(name, "must have shape (..., 3)", v.shape)
-    bad = ~np.isfinite(v).all(axis=-1)
-    if bad.any():
+    finite = np.isfinite(v)
+    if not finite.all():
+        bad = np.asarray(~finite.all(axis=-1))
         raise fail(name, f"must be finite{first_place(bad)}", v[bad][0].tolist())
     zero = np.asarray(~v.any(axis=-1))
     if zero.any():

@@ -435,8 +435,9 @@ def shade(
         light = weight / math.pi * e if share is None else weight / math.pi * share * e
         with np.errstate(over="ignore"):
             out += np.where(front[..., None], light, 0.0).astype(dtype)
-    over = np.asarray(~np.isfinite(out).all(axis=-1))
-    if over.any() and _is_finite(prepared, irradiance, irradiance_below):
+    finite = np.isfinite(out)
+    if not finite.all() and _is_finite(prepared, irradiance, irradiance_below):
+        over = np.asarray(~finite.all(axis=-1))
         rule = f"must not make radiance beyond {np.finfo(dtype).max:.3g}{_check.first_place(over)}"
         got = f"{int(over.sum())} points that are"
         name = "prepared" if irradiance is None else "prepared, irradiance"
