@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import _check
+from . import _check, _exr_header
 from ._arguments import checked
 from ._output import READ_BACK, replacing, write_bytes
 from ._quiet import c_messages
@@ -88,17 +88,20 @@ def _verify_exr(name: str, planes: Mapping[str, Plane]) -> None:
     # byte, and (unless the file is large) the same bits when read
     import OpenEXR
 
-    height = len(next(iter(planes.values())))
-    size = os.stat(name).st_size
-    with open(name, "rb") as file:
-        blocks = [*_exr_blocks(file.read(2**20), -(-height // 16))]
-        ends = []
-        for place in blocks:
-            file.seek(place + 4)
-            ends.append(place + 8 + int.from_bytes(file.read(4), "little"))
-    if not ends or max(ends) != size:
+    try:
+        with open(name, "rb") as file:
+            header = _exr_header.read_header(file)
+            file.seek(header.end)
+            ends = []
+            for (place,) in struct.iter_unpack("<Q", file.read(8 * header.chunks)):
+                file.seek(place + 4)
+                ends.append(place + 8 + int.from_bytes(file.read(4), "little"))
+        whole = len(ends) == header.chunks and max(ends) == header.length
+    except (_exr_header.HeaderError, struct.error):
+        whole = False
+    if not whole:
         raise OSError("what was written is not whole; is the disk full?")
-    if size <= READ_BACK:
+    if header.length <= READ_BACK:
         try:
             read = OpenEXR.File(name, separate_channels=True).channels()
             same = all(read[k].pixels.tobytes() == v.tobytes() for k, v in planes.items())
@@ -106,19 +109,6 @@ def _verify_exr(name: str, planes: Mapping[str, Plane]) -> None:
             same = False
         if not same:
             raise OSError("what was written does not read back; is the disk full?")
-
-
-def _exr_blocks(head: bytes, count: int) -> tuple[int, ...]:
-    # the table of block offsets behind the header of a file of scan lines
-    at = 8
-    while head[at : at + 1] not in (b"", b"\0"):
-        for _ in range(2):  # a name, a type
-            at = head.find(b"\0", at) + 1 or len(head)
-        at += 4 + int.from_bytes(head[at : at + 4], "little")
-    try:
-        return struct.unpack_from(f"<{count}Q", head, at + 1)
-    except struct.error:
-        return ()
 
 
 def _exr_planes(channels: Mapping[str, npt.ArrayLike], dtype: type) -> dict[str, Plane]:
