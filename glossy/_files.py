@@ -81,9 +81,16 @@ def _contents(path: Path, most: int) -> bytes:
     name, size = os.fspath(path), check_regular(path)
     if size > most:
         raise ValueError(f"{name}: has {size} bytes, more than the limit of {most}")
+    return first_bytes(name, size)  # room is made for as much as is asked
+
+
+def first_bytes(path: Path, count: int) -> bytes:
+    """The first bytes of a regular file; ``OSError`` as of ``check_regular``, or no permission."""
+    name = os.fspath(path)
+    check_regular(name)
     try:
         with open(name, "rb") as file:
-            return file.read(size)  # room is made for as much as is asked
+            return file.read(count)
     except OSError as error:
         raise type(error)(f"{name}: {(error.strerror or 'unreadable').lower()}") from None
 

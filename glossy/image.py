@@ -27,7 +27,7 @@ import numpy.typing as npt
 
 from . import _check, _exr_header, _formats, _memory, _radiance
 from ._arguments import checked
-from ._files import check_regular
+from ._files import first_bytes
 from ._quiet import c_messages
 from .image_write import write_exr, write_image
 
@@ -286,12 +286,7 @@ def framed(source: Planes, window: str, limit: int = MAX_PIXELS) -> Planes:
 
 
 def _first_bytes(name: str) -> bytes:
-    check_regular(name)
-    try:
-        with open(name, "rb") as file:
-            first = file.read(4096)
-    except OSError as error:
-        raise type(error)(f"{name}: {(error.strerror or 'unreadable').lower()}") from None
+    first = first_bytes(name, 4096)
     if not first:
         raise ImageError(f"{name}: is empty")
     return first
